@@ -102,10 +102,10 @@ def test_practice_is_what_a_cell_starts_from(driver, tmp_path):
     assert seed == 1
     assert last == tmp_path / "practice_seed_1" / "3_tempo_40"
     config = grid.cell("hidden", 1.0, last, 1, 40)
-    job = grid.CellJob(name="Hanon_hidden_1", config=config, folder=str(tmp_path / "cell"))
-    (result,) = grid.finish_cells([job], workers=1)
-    assert result.error is None
-    assert {*grid.METRICS} <= {*result.metrics}
+    job = grid.training("Hanon_hidden_1", tmp_path / "cell", config)
+    (outcome,) = grid.run_jobs([job], workers=1)
+    assert outcome.error is None
+    assert {*grid.METRICS} <= {*outcome.result["metrics"]}
 
 
 def test_a_policy_that_was_trained_further_is_measured_again(driver, tmp_path, monkeypatch):

@@ -18,9 +18,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from sb3_piano.corpora import CorpusConfig, record_corpus
 from sb3_piano.jobs import map_jobs, open_executor
-from sb3_piano.sweeps import SweepConfig, sweep
+from sb3_piano.pipelines import CorpusConfig, SweepConfig, record_corpus, sweep
 
 os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")  # nodes on 127.0.0.1 are a cluster
 
@@ -91,7 +90,7 @@ def record(executor: Executor, folder: Path) -> None:
 
 def train(executor: Executor, folder: Path) -> None:
     """Train and evaluate the runs of a sweep."""
-    assert all(cell.finished for cell in sweep(RUNS, folder, executor=executor).cells)
+    assert all(run.state == "finished" for run in sweep(RUNS, folder, executor=executor).runs)
 
 
 def here() -> ThreadPoolExecutor:
@@ -106,8 +105,8 @@ def warm_up(executor: Executor) -> None:
 
 def imported(number: int) -> int:
     """Import what plays and trains."""
-    import sb3_piano.corpora.playing
-    import sb3_piano.sweeps.cells  # noqa: F401
+    import sb3_piano.pipelines.performances
+    import sb3_piano.pipelines.training  # noqa: F401
 
     return number
 

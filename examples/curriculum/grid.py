@@ -24,15 +24,9 @@ from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import broken_told, map_jobs, open_executor
-from sb3_piano.sweeps import CellJob, CellResult, finish_cells
-from sb3_piano.training import (
-    Plugin,
-    RunConfig,
-    load_config,
-    load_curriculum,
-    run_curriculum,
-)
+from sb3_piano.jobs import Outcome, broken_told, map_jobs, open_executor, run_jobs
+from sb3_piano.pipelines import load_curriculum, run_curriculum, training
+from sb3_piano.training import Plugin, RunConfig, load_config
 
 HERE = Path(__file__).parent
 PIECE = "RoboPianist-repertoire-OdeToJoy-v0"
@@ -69,17 +63,15 @@ def main() -> int:
             practice = [Practice(runs, seed, steps) for seed in seeds]
             starts = dict(map_jobs(executor, practised, practice, request))
             jobs = [
-                CellJob(
-                    name=f"{before}_{labels}_{weight:g}",
-                    config=cell(
-                        labels, weight, starts[seed] if before == "Hanon" else None, seed, steps
-                    ),
-                    folder=str(runs / f"{before}_{labels}_{weight:g}_seed_{seed}"),
+                training(
+                    f"{before}_{labels}_{weight:g}_seed_{seed}",
+                    runs / f"{before}_{labels}_{weight:g}_seed_{seed}",
+                    cell(labels, weight, starts[seed] if before == "Hanon" else None, seed, steps),
                 )
                 for before, labels, weight in cells
                 for seed in arguments.seeds
             ]
-            results = finish_cells(jobs, executor=executor, on_result=tell)
+            outcomes = run_jobs(jobs, executor=executor, on_outcome=tell)
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130
@@ -89,16 +81,20 @@ def main() -> int:
     print("| --- | --- | --- | --- | --- | --- |")
     for before, labels, weight in cells:
         name = f"{before}_{labels}_{weight:g}"
-        of_cell = [result.metrics for result in results if result.name == name and result.finished]
+        of_cell = [
+            one.result["metrics"]
+            for one in outcomes
+            if one.result is not None and one.job.name.rpartition("_seed_")[0] == name
+        ]
         columns = [over_seeds([mean[metric] for mean in of_cell]) for metric in METRICS]
         print(f"| {before} | {labels} | {weight:g} | {' | '.join(columns)} |")
-    return 1 if any(result.error is not None for result in results) else 0
+    return 1 if any(one.error is not None for one in outcomes) else 0
 
 
-def tell(result: CellResult, done: int, total: int) -> None:
+def tell(outcome: Outcome, done: int, total: int) -> None:
     """Say what became of a run."""
-    found = result.reason or result.state
-    print(f"[{done}/{total}] {result.name}, seed {result.seed}: {found}", file=sys.stderr)
+    found = outcome.reason or outcome.state
+    print(f"[{done}/{total}] {outcome.job.name}: {found}", file=sys.stderr)
 
 
 @dataclass(frozen=True)

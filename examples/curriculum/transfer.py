@@ -25,7 +25,8 @@ from seeds import over_seeds
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs import broken_told, map_jobs, open_executor
-from sb3_piano.training import evaluate, load_curriculum, run_curriculum
+from sb3_piano.pipelines import load_curriculum, run_curriculum
+from sb3_piano.training import evaluate
 
 FILE = Path(__file__).parent / "repertoire.yml"
 PIECES = tuple(str(stage.piece) for stage in load_curriculum(FILE).stages)

@@ -23,9 +23,11 @@ from cells import RUNS, SIGHT_READER, STUDY, Cell, Training, find_cells
 
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import RunError, SB3PianoError
+from sb3_piano.jobs import Outcome, run_jobs
+from sb3_piano.pipelines import TrainingJob
+from sb3_piano.pipelines import training as training_job
 from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
-from sb3_piano.sweeps import CellJob, CellResult, finish_cells
 from sb3_piano.training import PlannedConfig, RunFolder, evaluate_runs
 
 
@@ -53,11 +55,12 @@ def main() -> int:
         todo = [training for cell in cells for training in cell.trainings(arguments.seeds)]
         for wave in in_waves(todo):
             jobs = [job_of(training, arguments.runs, changed, bar) for training in wave]
-            results = finish_cells(jobs, workers=workers, ray=arguments.ray, on_result=tell)
-            failed += sum(result.error is not None for result in results)
-            for result in results:
-                if result.finished:
-                    judge(Cell(result.name), Path(result.folder), result.num_timesteps)
+            outcomes = run_jobs(jobs, workers=workers, ray=arguments.ray, on_outcome=tell)
+            failed += sum(outcome.error is not None for outcome in outcomes)
+            for training, outcome in zip(wave, outcomes, strict=True):
+                if outcome.result is not None:
+                    steps = outcome.result["num_timesteps"]
+                    judge(Cell(str(training.folder.parent)), outcome.job.folder, steps)
         if any(cell.is_together for cell in cells):
             judge_sight_reader(cells[0], arguments.runs / SIGHT_READER / "seed_0")
     except KeyboardInterrupt:
@@ -77,20 +80,20 @@ def in_waves(todo: Sequence[Training]) -> Iterator[list[Training]]:
         todo = left
 
 
-def job_of(training: Training, runs: Path, changed: dict[str, Any], bar: bool) -> CellJob:
+def job_of(training: Training, runs: Path, changed: dict[str, Any], bar: bool) -> TrainingJob:
     """Return what brings a training to its end."""
-    return CellJob(
-        name=str(training.folder.parent),
-        config=training.config(runs, **changed),
-        folder=str((runs / training.folder).absolute()),
+    return training_job(
+        str(training.folder),
+        runs / training.folder,
+        training.config(runs, **changed),
         progress_bar=bar,
     )
 
 
-def tell(result: CellResult, done: int, total: int) -> None:
+def tell(outcome: Outcome, done: int, total: int) -> None:
     """Say what became of a training."""
-    found = result.reason or result.state
-    print(f"[{done}/{total}] {result.name}, seed {result.seed}: {found}", flush=True)
+    found = outcome.reason or outcome.state
+    print(f"[{done}/{total}] {outcome.job.name}: {found}", flush=True)
 
 
 def judge(cell: Cell, folder: Path, steps: int) -> None:

@@ -17,7 +17,8 @@ from pathlib import Path
 from cells import RUNS, find_cells
 
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.sweeps import CellJob, CellResult, finish_cells
+from sb3_piano.jobs import Outcome, run_jobs
+from sb3_piano.pipelines import training
 
 
 def main() -> int:
@@ -39,32 +40,33 @@ def main() -> int:
     changed = {name: value for name, value in changed.items() if value is not None}
     try:
         jobs = [
-            CellJob(
-                name=cell.name,
-                config=cell.config(seed, **changed),
-                folder=str(cell.run_folder(arguments.runs, seed).absolute()),
+            training(
+                f"{cell.name}, seed {seed}",
+                cell.run_folder(arguments.runs, seed),
+                cell.config(seed, **changed),
                 progress_bar=workers == 1 and not arguments.no_progress,
             )
             for seed in arguments.seeds
             for cell in find_cells(arguments.cells)
         ]
-        results = finish_cells(jobs, workers=workers, ray=arguments.ray, on_result=tell)
+        outcomes = run_jobs(jobs, workers=workers, ray=arguments.ray, on_outcome=tell)
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
-    failed = [result for result in results if result.error is not None]
-    print(f"{len(results) - len(failed)} of {len(results)} runs are finished.")
+    failed = [outcome for outcome in outcomes if outcome.error is not None]
+    print(f"{len(outcomes) - len(failed)} of {len(outcomes)} runs are finished.")
     return 1 if failed else 0
 
 
-def tell(result: CellResult, done: int, total: int) -> None:
+def tell(outcome: Outcome, done: int, total: int) -> None:
     """Say what became of a run."""
-    mean = result.metrics
-    found = f"return {mean['return']:.2f}, F1 {mean['f1']:.3f}" if mean else result.reason
-    place = f"[{done}/{total}] {result.name}, seed {result.seed}"
-    print(f"{place}: {found}: {result.folder}", flush=True)
+    found = outcome.reason
+    if outcome.result is not None:
+        mean = outcome.result["metrics"]
+        found = f"return {mean['return']:.2f}, F1 {mean['f1']:.3f}"
+    print(f"[{done}/{total}] {outcome.job.name}: {found}: {outcome.job.folder}", flush=True)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from sb3_piano.callbacks.beginning import (
     SightReaderStandardization,
 )
 from sb3_piano.callbacks.checkpoint import Checkpoint, KeepsState, ResumableCheckpoint
+from sb3_piano.callbacks.condition import Condition
 from sb3_piano.callbacks.difficulty_curriculum import DifficultyCallback
 from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback, RewardTermsCallback
 from sb3_piano.callbacks.hindsight import HindsightCallback
@@ -22,6 +23,7 @@ __all__ = [
     "ActionSearchCallback",
     "AveragedWeightsCallback",
     "Checkpoint",
+    "Condition",
     "DemonstrationsCallback",
     "DifficultyCallback",
     "EpisodeMetricsCallback",

@@ -20,6 +20,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from sb3_piano.array_files import read_arrays
 from sb3_piano.callbacks.checkpoint import write_normalization
+from sb3_piano.callbacks.condition import Condition
 from sb3_piano.callbacks.episode_metrics import finite_number
 from sb3_piano.callbacks.own_env import RunContext, env_name, make_own_env, preserve_random_state
 from sb3_piano.exceptions import ConfigError, near_names
@@ -165,14 +166,19 @@ class MetricEvalCallback(EvalCallback):
             warn,
         )
         self.seed = seed
-        self.stop_threshold = stop_threshold
-        self.stop_patience = checked("stop_patience", stop_patience, Count)
+        patience = checked("stop_patience", stop_patience, Count)
+        self.until: Condition | None = None
+        """When the training ends."""
+        if stop_threshold is not None:
+            thresholds = {self.metric: stop_threshold}
+            self.until = Condition(thresholds=thresholds, patience=patience)
         self.evaluate_start = evaluate_start
         self.evaluations_metrics: list[list[Mapping[str, float]]] = []
         """The metrics of each episode of each evaluation."""
+        self.evaluated_at: list[int] = []
+        """Environment steps that were done at each evaluation."""
         self._makes_env = eval_env is None
         self._run: RunContext | None = None
-        self._held = 0
         self._goes_on = True
 
     def use_run(self, run: RunContext) -> None:
@@ -232,6 +238,7 @@ class MetricEvalCallback(EvalCallback):
         if self.eval_freq <= 0 or self.n_calls % self.eval_freq != 0:
             return True
         self.evaluations_metrics.append([])
+        self.evaluated_at.append(self.num_timesteps)
         with preserve_random_state(self.model, self.seed), self._preserve_judgement():
             if self.seed is not None:
                 self.eval_env.seed(self.seed)
@@ -279,9 +286,11 @@ class MetricEvalCallback(EvalCallback):
         for name, number in metrics.items():
             self.logger.record_mean(f"eval/{name}", number)
 
-    def _mean(self, name: str) -> float:
-        """Return a metric's mean in the last evaluation; NaN if any episode is without it."""
-        return float(np.mean([found.get(name, np.nan) for found in self.evaluations_metrics[-1]]))
+    def means(self, number: int) -> dict[str, float]:
+        """Return each metric's mean in an evaluation, of those that all episodes have."""
+        episodes = self.evaluations_metrics[number]
+        names = set(episodes[0]).intersection(*episodes) if episodes else set()
+        return {name: float(np.mean([found[name] for found in episodes])) for name in names}
 
     def _read_evaluations_file(self) -> None:
         """Go on with the file of a training that had stopped, which SB3 would begin anew."""
@@ -297,6 +306,7 @@ class MetricEvalCallback(EvalCallback):
         if any(len(lengths) != self.n_eval_episodes for lengths in rows["ep_lengths"]):
             return  # they do not fit into one array
         self.evaluations_timesteps = rows.pop("timesteps")
+        self.evaluated_at = list(self.evaluations_timesteps)
         self.evaluations_results = rows.pop("results")
         self.evaluations_length = rows.pop("ep_lengths")
         self.evaluations_successes = rows.pop("successes", [])
@@ -319,7 +329,8 @@ class MetricEvalCallback(EvalCallback):
 
     def _judge(self) -> bool:
         """Return whether the training goes on after an evaluation."""
-        value = self._mean(self.metric)
+        means = self.means(-1)
+        value = means.get(self.metric, np.nan)
         self.last_mean_reward = value
         goes_on = True
         if value > self.best_mean_reward:
@@ -330,24 +341,24 @@ class MetricEvalCallback(EvalCallback):
                 best.save(Path(self.best_model_save_path), self.model)
             if self.callback_on_new_best is not None:
                 goes_on = self.callback_on_new_best.on_step()
-        baseline = self._mean(_BASELINE)
-        beside = "" if np.isnan(baseline) else f", F1 of playing nothing {baseline:.4f}"
+        baseline = means.get(_BASELINE)
+        beside = "" if baseline is None else f", F1 of playing nothing {baseline:.4f}"
         self._tell(
             f"{self.metric} {value:.4f} after {self.num_timesteps} steps (best "
             f"{self.best_mean_reward:.4f}{beside})"
         )
-        return goes_on and self._on_event() and not self._is_held(value)
+        return goes_on and self._on_event() and not self._is_high_enough()
 
-    def _is_held(self, value: float) -> bool:
-        """Return whether the threshold was reached in enough evaluations in a row."""
-        if self.stop_threshold is None:
+    def _is_high_enough(self) -> bool:
+        """Return whether the training may end."""
+        if self.until is None:
             return False
-        self._held = self._held + 1 if value >= self.stop_threshold else 0
-        if self._held < self.stop_patience:
+        evaluations = [self.means(number) for number in range(len(self.evaluations_metrics))]
+        if not self.until.is_met(evaluations):
             return False
         self._tell(
-            f"{self.metric} was {self.stop_threshold} or more in {self._held} evaluations in a "
-            "row: the training ends."
+            f"{self.metric} was {self.until.thresholds[self.metric]} or more in "
+            f"{self.until.patience} evaluations in a row: the training ends."
         )
         return True
 

@@ -49,14 +49,15 @@ def add_arguments(parser: Any) -> None:
     add("--set", "NAME=VALUE", _SET, action="append")
     add("--shard", "N", "performances of a data set, which one process plays", whole_number, 25)
     add("--seed", "N", "", int, 0)
+    add("--status", text="say how far each shard is, also while it is recorded, and end")
     add("--workers", "N", "processes; default: one for each core", whole_number)
     add("--ray", "ADDRESS", "record on a cluster of Ray, whose nodes see the same folders")
     add("--no-progress")
 
 
 def _corpus(arguments: argparse.Namespace) -> int:
-    from sb3_piano.corpora import DEFAULT_NOISE, CorpusConfig, record_corpus
     from sb3_piano.jobs import open_executor
+    from sb3_piano.pipelines import DEFAULT_NOISE, CorpusConfig, corpus_status, record_corpus
 
     config = CorpusConfig(
         pieces=arguments.pieces,
@@ -71,6 +72,12 @@ def _corpus(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         noise=tuple(arguments.noise or DEFAULT_NOISE),
     )
+    if arguments.status:
+        table = new_table("shard", "state", left=2)
+        for shard in corpus_status(config, arguments.out):
+            add_row(table, shard.job.name, shard.state)
+        print_table(table)
+        return EXIT_OK
     with (
         open_executor(arguments.workers, arguments.ray) as executor,
         progress_bar(arguments, "performances") as tell,
@@ -88,7 +95,7 @@ def _corpus(arguments: argparse.Namespace) -> int:
 
 
 def _show(corpus: RecordedCorpus) -> None:
-    from sb3_piano.corpora import summary
+    from sb3_piano.pipelines import summary
 
     table = new_table("player", "noise, rad", "performances", "F1", "onset F1")
     for row in summary(corpus.shards):

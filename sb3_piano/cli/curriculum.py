@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
@@ -21,7 +22,9 @@ from sb3_piano.cli.evaluate import evaluate_run, label, rounded
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
-    from sb3_piano.training import CurriculumResult, StageProgress
+    from collections.abc import Sequence
+
+    from sb3_piano.pipelines import CurriculumResult, StageProgress
 
 _RUN_HELP = "the curriculum's folder; default: runs/curricula/NAME, after FILE"
 _METRICS = ("f1", "onset_f1")
@@ -37,12 +40,13 @@ def add_arguments(parser: Any) -> None:
     add("--seed", "N", "seed of every stage; default: the file's, or drawn", int)
     add("--resume", "FOLDER", "go on with the curriculum in this folder, without its file")
     add("--checkpoint-every", "N", "default: 10000 steps", whole_number)
+    add("--status", text="say how far each stage is, also while it is running, and end")
     add("--evaluate", text="evaluate the model of the last stage afterwards")
     add("--no-progress")
 
 
 def _curriculum(arguments: argparse.Namespace) -> int:
-    from sb3_piano.training import load_curriculum, run_curriculum
+    from sb3_piano.pipelines import curriculum_status, load_curriculum, run_curriculum
 
     options: dict[str, Any] = {"progress_bar": not arguments.no_progress}
     if arguments.checkpoint_every is not None:
@@ -55,6 +59,10 @@ def _curriculum(arguments: argparse.Namespace) -> int:
         refuse_options(arguments, ("run", "runs_dir", "seed"), reason, "Expected --resume alone.")
     runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir
     curriculum = load_curriculum(folder if arguments.file is None else arguments.file)
+    if arguments.status:
+        place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)
+        _show(curriculum_status(place))
+        return EXIT_OK
     number = {name: n for n, name in enumerate(curriculum.run_names, start=1)}
 
     def tell(stage: StageProgress) -> None:
@@ -72,13 +80,9 @@ def _curriculum(arguments: argparse.Namespace) -> int:
 
 
 def _report(result: CurriculumResult) -> None:
-    from sb3_piano.training.runs.curriculum import go_on
+    from sb3_piano.pipelines.curriculum import go_on
 
-    table = new_table("stage", "ended by", "steps", *map(label, _METRICS), left=2)
-    for stage in result.stages:
-        steps = str(stage.num_timesteps) if stage.num_timesteps else _NOTHING
-        add_row(table, stage.name, stage.ended_by or _NOTHING, steps, *_last_values(stage))
-    print_table(table)
+    _show(result.stages)
     print(f"Folder:   {result.folder}")
     if result.interrupted:
         print(f"Go on:    {go_on(result.folder)}")
@@ -86,6 +90,14 @@ def _report(result: CurriculumResult) -> None:
     if result.had_finished:
         print("All stages had ended: nothing was left to do. Once more: with another --run FOLDER")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(result.runs[-1].path))}")
+
+
+def _show(stages: Sequence[StageProgress]) -> None:
+    table = new_table("stage", "ended by", "steps", *map(label, _METRICS), left=2)
+    for stage in stages:
+        steps = str(stage.num_timesteps) if stage.num_timesteps else _NOTHING
+        add_row(table, stage.name, stage.ended_by or _NOTHING, steps, *_last_values(stage))
+    print_table(table)
 
 
 def _last_values(stage: StageProgress) -> list[str]:

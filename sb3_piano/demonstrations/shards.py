@@ -6,22 +6,23 @@ import dataclasses
 import hashlib
 import importlib.metadata
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, closing
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
+from pydantic import TypeAdapter
 
 import sb3_piano
 from sb3_piano.demonstrations.dataset import DatasetWriter, dataset_folder, open_dataset
 from sb3_piano.exceptions import RunError, ScoreError, SimulationDivergedError
 from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import StopRequest
-from sb3_piano.jobs import map_jobs
+from sb3_piano.jobs import Job, Outcome, finish, status
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -124,7 +125,10 @@ def find_shard(job: ShardJob) -> Shard | None:
 
 
 def make_shard(job: ShardJob) -> Shard:
-    """Play the episodes of a job and write the data set, in place of any that is there."""
+    """Play the episodes of a job and write the data set, in place of any that is there.
+
+    Its manifest is still to be written.
+    """
     episodes: list[Notes] = []
     skipped, content = {}, hashlib.sha256()
     with (
@@ -143,7 +147,7 @@ def make_shard(job: ShardJob) -> Shard:
         job.manifest_file.unlink(missing_ok=True)  # which would be of the data set before
         requirements = [f"sb3-piano>={sb3_piano.__version__}"]
         dataset = writer.finish({"requirements": requirements, **job.metadata})
-    shard = Shard(
+    return Shard(
         name=job.name,
         job=job.digest,
         files=_files(job.name, job.root),
@@ -153,37 +157,73 @@ def make_shard(job: ShardJob) -> Shard:
         episodes=tuple(episodes),
         skipped=skipped,
     )
-    write_json(job.manifest_file, dataclasses.asdict(shard))
-    return shard
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Making(Job):
+    """The making of a shard, whose manifest is the result."""
+
+    shard: ShardJob
+
+    def result(self) -> Mapping[str, Any] | None:
+        """Return the manifest of a data set that is there, whole and of the same settings."""
+        found = find_shard(self.shard)
+        return None if found is None else dataclasses.asdict(found)
+
+    def begin(self) -> None:
+        """Do nothing: the manifest tells the settings."""
+
+    def keep(self, result: Mapping[str, Any]) -> None:
+        """Write the manifest."""
+        write_json(self.shard.manifest_file, result)
+
+
+def making(shards: Sequence[ShardJob]) -> list[Job]:
+    """Return the jobs that make data sets."""
+    return [
+        _Making(name=one.name, folder=one.root / one.name, work=_make, shard=one) for one in shards
+    ]
 
 
 def make_missing(
     executor: Executor,
-    jobs: Sequence[ShardJob],
+    shards: Sequence[ShardJob],
     request: StopRequest | None = None,
     tell: Callable[[int, int], object] = lambda done, total: None,
+    go_on: str = "give the same command again.",
 ) -> list[Shard]:
-    """Return the data sets of jobs, in their order; those that are not there and whole are made.
+    """Return data sets in their order; those that are not there and whole are made.
 
     Args:
         executor: Makes them.
-        jobs: What is to be there.
+        shards: What is to be there.
         request: Ends the work when it is made.
         tell: Is told how many are done, and of how many.
+        go_on: How to go on when a worker died.
 
     Raises:
+        Exception: What the first one raised that could not be made, once the others are.
         KeyboardInterrupt: If the request is made.
     """
-    found = {job.name: find_shard(job) for job in jobs}
-    missing = [job for job in jobs if found[job.name] is None]
-    done = len(jobs) - len(missing)
+    jobs = making(shards)
+    known = status(jobs)
+    done = sum(one.result is not None for one in known)
     tell(done, len(jobs))
-    made: Generator[Shard, None, None] = map_jobs(executor, make_shard, missing, request)
-    with closing(made):  # jobs that have not begun are cancelled
-        for shard in made:
-            found[shard.name], done = shard, done + 1
-            tell(done, len(jobs))
-    return [shard for shard in found.values() if shard is not None]
+
+    def told(outcome: Outcome) -> None:
+        nonlocal done
+        done += 1
+        tell(done, len(jobs))
+
+    outcomes = finish(jobs, executor, known=known, request=request, on_outcome=told, go_on=go_on)
+    for outcome in outcomes:
+        if outcome.error is not None:
+            raise outcome.error
+    return [TypeAdapter(Shard).validate_python(outcome.result) for outcome in outcomes]
+
+
+def _make(job: _Making) -> Mapping[str, Any]:
+    return dataclasses.asdict(make_shard(job.shard))
 
 
 def file_digest(file: Path) -> str:

@@ -17,6 +17,7 @@ def finish(
     jobs: Sequence[Job],
     executor: Executor,
     *,
+    known: Sequence[Outcome] | None = None,
     request: StopRequest | None = None,
     on_begin: Callable[[Job], object] = lambda job: None,
     on_outcome: Callable[[Outcome], object] = lambda outcome: None,
@@ -31,6 +32,7 @@ def finish(
     Args:
         jobs: What is to be done; names differ, and a job comes after those it needs.
         executor: Does them, where it sees their folders by the same paths.
+        known: What :func:`~sb3_piano.jobs.status` says of the jobs, where that is known already.
         request: Ends the work when it is made.
         on_begin: Is called with each job before it is handed to the executor.
         on_outcome: Is called with what came of each job that was not done before.
@@ -40,9 +42,9 @@ def finish(
         KeyboardInterrupt: If the request is made.
         RunError: If a folder was begun with other settings.
     """
-    outcomes = {found.job.name: found for found in status(jobs)}
+    outcomes = {one.job.name: one for one in (status(jobs) if known is None else known)}
     left = {job.name: job for job in jobs if outcomes[job.name].result is None}
-    for job in left.values():
+    for job in jobs:
         if job.settings_file.is_file():
             job.begin()
     running: dict[Future[Any], Job] = {}

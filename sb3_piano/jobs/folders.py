@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import dump_yaml, load_yaml, write_yaml
-from sb3_piano.links import make_folder
+from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX
 from sb3_piano.unfinished import PARTIAL_SUFFIX
 
@@ -17,6 +18,22 @@ SETTINGS = "job.yml"
 
 PROVENANCE = "run.yml"
 """Name of the file that notes where a folder comes from."""
+
+
+def shared_folder(folder: str | os.PathLike[str]) -> Path:
+    """Return the absolute path of a folder, in which nothing is written through links.
+
+    Raises:
+        ConfigError: If it is a URL.
+    """
+    if "://" in os.fspath(folder):
+        raise ConfigError(
+            f"The folder is {os.fspath(folder)!r}: expected a path of a file system that all "
+            "machines see, as nothing is kept on object storage any more."
+        )
+    place = Path(folder).absolute()
+    keep_inside(place)
+    return place
 
 
 def is_empty(place: Path) -> bool:

@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from sb3_piano.exceptions import RunError, SB3PianoError
 from sb3_piano.files import write_json
@@ -28,6 +28,9 @@ class Job:
     The folder gets ``job.yml``, the settings, when the work begins, and ``result.json`` when it is
     done. A subclass may keep them elsewhere, and say how far it is.
     """
+
+    kind: ClassVar[str] = "job"
+    """What messages call it."""
 
     name: str
     """What it is called, unlike all others of the same work."""
@@ -75,7 +78,7 @@ class Job:
         Raises:
             RunError: If they differ, or something else is in the folder.
         """
-        begin_or_go_on(self.settings_file, f"job {self.name!r}", self.settings)
+        begin_or_go_on(self.settings_file, f"{self.kind} {self.name!r}", self.settings)
 
     def progress(self) -> tuple[int, int] | None:
         """Return how much is done, and of how much, also while it is being done, if it knows."""

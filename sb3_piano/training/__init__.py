@@ -20,14 +20,6 @@ from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.playing.residual import RunResidual
 from sb3_piano.training.playing.takes import play_run, play_score
 from sb3_piano.training.runs.clone import CloneResult, clone
-from sb3_piano.training.runs.curriculum import CurriculumResult, run_curriculum
-from sb3_piano.training.runs.curriculum_config import (
-    Condition,
-    Curriculum,
-    Stage,
-    load_curriculum,
-)
-from sb3_piano.training.runs.curriculum_progress import StageEvaluation, StageProgress
 from sb3_piano.training.runs.fine_tuning import load_fine_tuning
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.start import StartFromRun, load_start
@@ -43,9 +35,6 @@ __all__ = [
     "PLANNERS",
     "CloneResult",
     "Comparison",
-    "Condition",
-    "Curriculum",
-    "CurriculumResult",
     "Evaluation",
     "Evaluations",
     "ExportedFolder",
@@ -57,9 +46,6 @@ __all__ = [
     "RunFolder",
     "RunResidual",
     "SavedPlayer",
-    "Stage",
-    "StageEvaluation",
-    "StageProgress",
     "StartFromRun",
     "TrainResult",
     "clone",
@@ -69,7 +55,6 @@ __all__ = [
     "evaluate_runs",
     "export_run",
     "load_config",
-    "load_curriculum",
     "load_entry",
     "load_fine_tuning",
     "load_player",
@@ -77,7 +62,6 @@ __all__ = [
     "play_run",
     "play_score",
     "resume",
-    "run_curriculum",
     "train",
     "training_curves",
     "write_piece_report",

@@ -19,7 +19,7 @@ from sb3_piano.callbacks.replay_segments import restore_replay_buffer
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, find_piece, load_score, select_pieces, write_midi
-from sb3_piano.sweeps.cells import metrics_of
+from sb3_piano.pipelines.training import known_metrics
 from sb3_piano.training import (
     RunConfig,
     RunFolder,
@@ -306,9 +306,9 @@ def test_what_is_written_of_several_pieces_is_compared_and_known_to_sweeps(run, 
     assert [pair.piece for pair in pairs] == ["60", "62", "64"]
     assert [pair.a for pair in pairs] == [one.mean["f1"] for one in found.by_piece]
     own = run.read_config()
-    assert metrics_of(run.path, own, 4, 2) == found.mean
-    assert metrics_of(run.path, own, 4, 3) == {}  # of each piece
-    assert metrics_of(run.path, own.in_env(physics="faithful"), 4, 2) == {}
+    assert known_metrics(run.path, own, 4, 2) == found.mean
+    assert known_metrics(run.path, own, 4, 3) is None  # of each piece
+    assert known_metrics(run.path, own.in_env(physics="faithful"), 4, 2) is None
     card = export_run(run.path, tmp_path / "shared", episodes=2, picture=None).card_file.read_text()
     assert f"| F1 | {found.mean['f1']:.4f} |" in card
     assert "Of 2 episodes, seeds 0 1 of each of 3 pieces" in card

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from sb3_piano.corpora.making import files_of_a_run
 from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
 from sb3_piano.demonstrations.shards import file_digest
 from sb3_piano.exceptions import RunError
@@ -37,6 +36,7 @@ from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import is_path
 from sb3_piano.music.library import Library
+from sb3_piano.pipelines.corpus import files_of_a_run
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping

@@ -7,30 +7,32 @@ import hashlib
 import os
 import shlex
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from sb3_piano.corpora.config import CorpusConfig, Player
-from sb3_piano.corpora.playing import CorpusJob, open_player
 from sb3_piano.demonstrations.corpus import DATA, INDEX, RecordedCorpus
 from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
 from sb3_piano.demonstrations.shards import (
     Shard,
     file_digest,
     make_missing,
+    making,
 )
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import begin_or_go_on, broken_told, process_pool
-from sb3_piano.links import keep_inside, make_folder
+from sb3_piano.jobs import Outcome, begin_or_go_on, process_pool, status
+from sb3_piano.jobs.folders import shared_folder
+from sb3_piano.links import make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import digest
 from sb3_piano.music.library import Library
+from sb3_piano.pipelines.corpus_settings import CorpusConfig, Player
+from sb3_piano.pipelines.performances import CorpusJob, open_player
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.training.runs.folder import BASE, RunFolder, named_files
 from sb3_piano.training.runs.provenance import provenance
@@ -93,36 +95,43 @@ def record_corpus(
         MissingPackageError: If Minari is not installed.
     """
     require_minari()
-    place = Path(folder).absolute()
-    keep_inside(place)
+    place = shared_folder(folder)
     _check_players(config)
     owned = hold(place / LOCK_SUFFIX, f"'{place}' is being worked in", "one recording in a folder.")
+    pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
     with owned, stop_on_signal() as request:
         inputs = _inputs(config)
-        file, settings = place / _CONFIG, {**config.to_mapping(), "files": inputs}
-        begin_or_go_on(file, "corpus", settings, notes=provenance(config.seed))
+        settings = {**config.to_mapping(), "files": inputs}
+        begin_or_go_on(place / _CONFIG, "corpus", settings, notes=provenance(config.seed))
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
-        count = -(-len(config) // config.shard)
-        jobs = [CorpusJob(config, inputs, number, place / DATA) for number in range(count)]
 
         def tell(done: int, total: int) -> None:
             on_progress(min(done * config.shard, len(config)), len(config))
 
-        pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
-        with (
-            pool as chosen,
-            broken_told(f"give the same command again, for {shlex.quote(str(place))}"),
-        ):
-            try:
-                shards = make_missing(chosen, jobs, request, tell)
-            except KeyboardInterrupt:
-                return None
+        again = f"give the same command again, for {shlex.quote(str(place))}"
+        try:
+            with pool as chosen:
+                shards = make_missing(
+                    chosen, _shards(config, inputs, place), request, tell, go_on=again
+                )
+        except KeyboardInterrupt:
+            return None
         if not any(shard.steps for shard in shards):
             why = next(iter(shards[0].skipped.values()))
             raise RunError(f"Nothing could be played: {why}")
         _write_index(place, config, shards)
     return RecordedCorpus.open(place)
+
+
+def corpus_status(config: CorpusConfig, folder: str | os.PathLike[str]) -> list[Outcome]:
+    """Return how far each shard of a corpus is, also while it is being recorded."""
+    return status(making(_shards(config, _inputs(config), shared_folder(folder))))
+
+
+def _shards(config: CorpusConfig, inputs: Mapping[str, str], place: Path) -> list[CorpusJob]:
+    count = -(-len(config) // config.shard)
+    return [CorpusJob(config, inputs, number, place / DATA) for number in range(count)]
 
 
 def summary(shards: Sequence[Shard]) -> list[PlayedSo]:

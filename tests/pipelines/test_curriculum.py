@@ -3,12 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import gymnasium as gym
@@ -24,13 +18,13 @@ from tiny_curriculum import NO_PIANO, PENDULUM, SMALL, write_curriculum
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.locks import hold
-from sb3_piano.training import (
+from sb3_piano.pipelines import (
     Curriculum,
+    curriculum_status,
     load_curriculum,
-    resume,
     run_curriculum,
-    train,
 )
+from sb3_piano.training import resume, train
 
 DEADLINE = 180  # s; starting a process takes long where others are at work
 
@@ -49,6 +43,7 @@ class SavesBeginning(BaseCallback):
 
 
 SAVES_BEGINNING = [f"{__name__}.SavesBeginning"]
+STOPPED = {**PENDULUM, "callback": act_at(10, "SIGINT")}
 
 
 class OnlyF1(gym.Env):
@@ -215,12 +210,7 @@ def test_a_condition_that_is_met_ends_its_stage(write_piano, run):
     assert set(result.stages[1].evaluations[0].metrics) == {"f1", "onset_f1", "onset_recall"}
     # It is the model that was evaluated.
     assert SAC.load(result.runs[0].model_file).num_timesteps == 25
-    written = json.loads((result.folder / "curriculum.json").read_text())
-    assert [stage["ended_by"] for stage in written["stages"]] == [
-        "condition",
-        "budget",
-        "condition",
-    ]
+    assert curriculum_status(result.folder) == list(result.stages)
     before = content(result.folder)
     again = run(file)
     assert again.had_finished
@@ -341,33 +331,37 @@ def crashed(write_piano, run, tmp_path):
     crash = file.read_text().replace("callback: []", f"callback: {act_at(35, 'crash')}")
     file.write_text(crash)
 
-    def again(**options):
+    def again():
         with pytest.raises(RuntimeError, match="crash"):
-            run(file, checkpoint_every=25, **options)
-        (first, *_) = json.loads((tmp_path / "out" / "curriculum.json").read_text())["stages"]
-        return [evaluation["num_timesteps"] for evaluation in first["evaluations"]]
+            run(file, checkpoint_every=25)
+        return [
+            [e.num_timesteps for e in s.evaluations] for s in curriculum_status(tmp_path / "out")
+        ]
 
-    assert again() == [10, 20, 30]
+    assert again() == [[10, 20, 30], []]
     assert Checkpoint.read(tmp_path / "out/1_hanon-01/checkpoint").num_timesteps == 25
     return again
 
 
 def test_evaluations_of_a_model_that_is_lost_are_forgotten(crashed):
-    assert crashed() == [10, 20]
+    assert crashed() == [[10, 20], []]
 
 
-@pytest.mark.parametrize(("steps", "has_ended"), [(30, False), (25, True)])
-def test_a_condition_counts_once_the_model_that_met_it_is_saved(
-    crashed, tmp_path, steps, has_ended
+def test_a_condition_that_was_met_before_a_crash_ends_the_stage_with_the_saved_model(
+    crashed, tmp_path
 ):
-    notes = tmp_path / "out" / "curriculum.json"
-    content = json.loads(notes.read_text())
-    content["stages"][0] |= {"ended_by": "condition", "num_timesteps": steps}
-    notes.write_text(json.dumps(content))
-    crashed()  # in the first stage, or in the second
-    assert (tmp_path / "out" / "2_hanon-02").exists() == has_ended
-    first = json.loads(notes.read_text())["stages"][0]
-    assert first["ended_by"] == ("condition" if has_ended else None)
+    """As a process leaves it that is killed after its last checkpoint and before its result."""
+    first = tmp_path / "out" / "1_hanon-01"
+    noted = json.loads((first / "evaluations.json").read_text())
+    good = noted["evaluations"][0]
+    steps = (5, 10, 15, 20, 25, 30)
+    noted["evaluations"] = [{**good, "num_timesteps": number} for number in steps]
+    (first / "evaluations.json").write_text(json.dumps(noted))
+    (first / "model.zip").unlink(missing_ok=True)
+    crashed()  # in the second stage
+    (ended, _) = curriculum_status(tmp_path / "out")
+    assert (ended.num_timesteps, ended.ended_by) == (25, "condition")
+    assert SAC.load(first / "model.zip").num_timesteps == 25
 
 
 def test_a_stage_that_starts_over_has_no_evaluations(write_piano, run, tmp_path):
@@ -377,70 +371,8 @@ def test_a_stage_that_starts_over_has_no_evaluations(write_piano, run, tmp_path)
     for _ in range(2):
         with pytest.raises(RuntimeError, match="crash"):
             run(file)
-        notes = json.loads((tmp_path / "out" / "curriculum.json").read_text())
-        assert [e["num_timesteps"] for e in notes["stages"][0]["evaluations"]] == [0]
-
-
-def test_a_stage_whose_checkpoint_was_deleted_has_still_ended(write_piano, run):
-    file = write_piano({"piece": "hanon-01", "until": {"f1": 0, "eval_freq": 10}})
-    (stage,) = run(file).runs
-    shutil.rmtree(stage.checkpoint_dir)
-    assert run(file).had_finished
-
-
-def test_a_stage_starts_from_the_checkpoint_if_that_is_newer_than_the_model(write, run):
-    stage = {**PENDULUM, "callback": SAVES_BEGINNING}
-    (first,) = run(write(stage)).runs
-    newest = first.model_file.read_bytes()
-    shutil.copy(first.path / "beginning.zip", first.model_file)  # as a process that was killed
-    file = write(
-        {**PENDULUM, "callback": SAVES_BEGINNING}, {**PENDULUM, "callback": SAVES_BEGINNING}
-    )
-    second = run(file).runs[1]
-    assert first.model_file.read_bytes() == newest
-    assert_equal_models(second.path / "beginning.zip", first.model_file)
-
-
-def test_what_a_process_left_that_was_killed_while_it_began_a_stage_is_no_obstacle(write, run):
-    file = write(PENDULUM)
-    (stage,) = run(file).runs
-    left = stage.path.with_name("2_Pendulum-v1")
-    left.mkdir()
-    shutil.copy(stage.provenance_file, left)
-    assert [end[1:] for end in ends(run(write(PENDULUM, PENDULUM)))] == [(60, "budget")] * 2
-
-
-@pytest.mark.slow
-def test_killed_in_the_second_stage_it_goes_on_from_the_last_checkpoint(write, run, tmp_path):
-    file = write(PENDULUM, {**PENDULUM, "n_timesteps": 1000}, {**PENDULUM, "n_timesteps": 50})
-    command = [sys.executable, "-m", "sb3_piano.cli", "curriculum", file.name, "--run", "out"]
-    command += ["--no-progress", "--seed", "1", "--checkpoint-every", "50"]
-    environ = {**os.environ, "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen(
-        command, cwd=tmp_path, env=environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    folder = tmp_path / "out" / "2_Pendulum-v1" / "checkpoint"
-    deadline = time.monotonic() + DEADLINE
-    try:
-        while not (folder / "checkpoint.json").exists():
-            assert process.poll() is None, process.communicate()[1]
-            assert time.monotonic() < deadline, "it took too long"
-            time.sleep(0.01)
-        with pytest.raises(RunError, match=f"is being trained by process {process.pid} on"):
-            run(file)
-    finally:
-        process.kill()
-        process.communicate()
-    assert process.returncode == -signal.SIGKILL
-    saved = Checkpoint.read(folder).num_timesteps
-    assert 50 <= saved < 1000
-    before = content(tmp_path / "out" / "1_Pendulum-v1")
-    begun = []
-    result = run(file, checkpoint_every=500, on_stage=begun.append)
-    assert [stage.name for stage in begun] == ["2_Pendulum-v1", "3_Pendulum-v1"]
-    assert [end[1:] for end in ends(result)] == [(n, "budget") for n in (60, 1000, 50)]
-    assert content(tmp_path / "out" / "1_Pendulum-v1") == before
-    assert Checkpoint.read(folder).replay.total == 1000
+        (stage,) = curriculum_status(tmp_path / "out")
+        assert [e.num_timesteps for e in stage.evaluations] == [0]
 
 
 # The folder.
@@ -449,22 +381,22 @@ def test_killed_in_the_second_stage_it_goes_on_from_the_last_checkpoint(write, r
 @pytest.mark.parametrize(
     ("stages", "options", "message"),
     [
-        ([{"gamma": 0.5}, {}], {}, "Stage 1 has gamma None there, not 0.5"),
-        ([{"n_timesteps": 70}, {}], {}, "Stage 1 has n_timesteps 60 there, not 70"),
-        ([{"name": "new"}, {}], {}, "Stage 1 has name None there, not 'new'"),
-        ([{}, {"with_buffer": True}], {}, "Stage 2 has with_buffer None there, not True"),
-        ([{}], {}, "Stage 2 has env 'Pendulum-v1' there, not None"),
-        ([{}, {}], {"algo": "tqc"}, "It has algo 'sac' there, not 'tqc'"),
-        ([{}, {}], {"init_from": "1"}, "It has init_from None there, not"),
-        ([{}, {}], {"seed": 2}, "It has seed 1 there, not 2"),
+        ([{"gamma": 0.5}, {}], {}, "stage '1_Pend.*' in '.*out/1_.*' has gamma None, not 0.5"),
+        ([{"name": "new"}, {}], {}, "Stage 1 of .* has begun as '1_Pendulum-v1': expected"),
+        ([{}, {"with_buffer": True}], {}, "stage '2_Pend.*' has with_buffer None, not True"),
+        ([{}], {}, "Stage 2 of .* has begun as '2_Pendulum-v1'"),
+        ([{}, {}], {"algo": "tqc"}, "has algo sac, not tqc"),
+        ([{}, {}], {"init_from": "1"}, "has init_from None, not"),
+        ([{}, {}], {"seed": 2}, "has seed 1, not 2"),
     ],
 )
 def test_what_has_begun_keeps_its_settings(begun, write, stages, options, message):
     again, _ = begun
     seed = options.get("seed")
-    file = write(*({**PENDULUM, **stage} for stage in stages), **options)
+    pairs = zip((PENDULUM, STOPPED), stages, strict=False)
+    file = write(*({**stage, **changed} for stage, changed in pairs), **options)
     before = content(file.parent / "out")
-    with pytest.raises(RunError, match=f"has begun with other settings. {message}.*--run"):
+    with pytest.raises(RunError, match=message):
         again(file, seed=seed)
     assert content(file.parent / "out") == before
 
@@ -472,22 +404,15 @@ def test_what_has_begun_keeps_its_settings(begun, write, stages, options, messag
 @pytest.fixture
 def begun(write, run):
     """A curriculum of three stages that was interrupted in its second one."""
-    file = write(PENDULUM, PENDULUM, PENDULUM)
-    seen = []
-
-    def stop(stage):
-        seen.append(stage.name)
-        if len(seen) == 2:
-            signal.raise_signal(signal.SIGINT)
-
-    result = run(file, on_stage=stop)
-    assert [end[1:] for end in ends(result)] == [(60, "budget"), (0, None), (0, None)]
+    file = write(PENDULUM, STOPPED, PENDULUM)
+    result = run(file)
+    assert [end[1:] for end in ends(result)] == [(60, "budget"), (10, None), (0, None)]
     return run, result
 
 
 def test_stages_that_have_not_begun_may_change(begun, write):
     again, _ = begun
-    file = write(PENDULUM, PENDULUM, {**PENDULUM, "gamma": 0.5}, {**PENDULUM, "name": "last"})
+    file = write(PENDULUM, STOPPED, {**PENDULUM, "gamma": 0.5}, {**PENDULUM, "name": "last"})
     result = again(file, seed=None)
     assert [end[1:] for end in ends(result)] == [(60, "budget")] * 4
     assert result.runs[2].read_config().algorithm_kwargs["gamma"] == 0.5
@@ -503,7 +428,7 @@ def vars_of(curriculum):
 
 def test_stages_that_are_changed_have_to_fit_what_has_begun(begun, write):
     again, result = begun
-    file = write(PENDULUM, PENDULUM, {**PENDULUM, "normalize": True})
+    file = write(PENDULUM, STOPPED, {**PENDULUM, "normalize": True})
     with pytest.raises(ConfigError, match="^Stage 3: Its normalize is True"):
         again(file)
     assert load_curriculum(result.folder).stages[2].settings.get("normalize") is None

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.corpora.config import CorpusConfig, Player
 from sb3_piano.demonstrations.disturbances import ActuatorNoise
 from sb3_piano.demonstrations.recording import Predictor, play_episode
 from sb3_piano.demonstrations.shards import Notes, Play, ShardJob
 from sb3_piano.envs import GENERAL_ID, PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.layers import layers
+from sb3_piano.pipelines.corpus_settings import CorpusConfig, Player
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import PlannedConfig

@@ -11,8 +11,8 @@ from tiny_curriculum import PENDULUM, write_curriculum
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.training import Condition, Curriculum, Stage, load_curriculum
-from sb3_piano.training.runs.curriculum_checks import check_fit
+from sb3_piano.pipelines import Condition, Curriculum, Stage, load_curriculum
+from sb3_piano.pipelines.fit import check_fit
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "curricula.md").read_text(encoding="utf-8")

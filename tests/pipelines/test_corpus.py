@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import h5py
 import numpy as np
@@ -15,8 +15,6 @@ from stable_baselines3 import TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.cli import main
-from sb3_piano.corpora import CorpusConfig, record_corpus, summary
-from sb3_piano.corpora.playing import open_player
 from sb3_piano.demonstrations import clone_behaviour
 from sb3_piano.demonstrations.corpus import RecordedCorpus
 from sb3_piano.demonstrations.dataset import Transitions
@@ -25,6 +23,8 @@ from sb3_piano.jobs import ray_executor
 from sb3_piano.lab.distillation import DistillConfig, distill
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.library import Library
+from sb3_piano.pipelines import CorpusConfig, corpus_status, record_corpus, summary
+from sb3_piano.pipelines.performances import open_player
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.training import PlannedConfig, RunFolder, clone
 
@@ -48,13 +48,14 @@ class Backwards(ThreadPoolExecutor):
         self._jobs = []
 
     def submit(self, fn, /, *args, **kwargs):
-        self._jobs.append((fn, args))
-        future = super().submit(lambda: self._next())
+        future = Future()
+        self._jobs.append((future, fn, args))
+        super().submit(self._next)
         return future
 
     def _next(self):
-        fn, args = self._jobs.pop()
-        return fn(*args)
+        future, fn, args = self._jobs.pop()
+        future.set_result(fn(*args))
 
 
 @pytest.fixture(scope="module")
@@ -149,6 +150,8 @@ def test_a_truncated_shard_is_found_and_made_again_and_nothing_else(executor, tm
     time = kept.stat().st_mtime_ns
     with pytest.raises(ConfigError, match="Shard shard000001-v0 .* is damaged: give the command"):
         corpus.dataset(corpus.shards[1])
+    states = [shard.state for shard in corpus_status(config, corpus.folder)]
+    assert states == ["finished", "not begun", "finished"]
     told = []
     again = record_corpus(
         config, corpus.folder, executor=executor, on_progress=lambda *done: told.append(done)

@@ -12,7 +12,6 @@ import shutil
 import signal
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import gymnasium as gym
@@ -21,14 +20,12 @@ import torch
 import yaml
 from stable_baselines3 import TD3
 
-from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.jobs import Here, Job, status
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.sweeps import SweepConfig, load_sweep, sweep, sweep_status
-from sb3_piano.sweeps.cells import finish_cell, status_of
-from sb3_piano.sweeps.storage import Mirror
-from sb3_piano.sweeps.sweep import jobs_of
+from sb3_piano.pipelines import SweepConfig, load_sweep, sweep, sweep_status, training
+from sb3_piano.pipelines.sweep import jobs_of
 from sb3_piano.training import resume
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
@@ -45,11 +42,6 @@ SHORT = {
     },
     "checkpoint_every": 60,
 }
-
-
-def here():
-    """Return an executor of this process."""
-    return ThreadPoolExecutor(1)
 
 
 def weights(folder):
@@ -130,20 +122,20 @@ def test_a_cell_that_a_callback_ended_is_finished(tmp_path):
     found = []
     config = SweepConfig(**{**SHORT, "settings": settings})
     for _ in range(2):
-        with here() as executor:
-            result = sweep(
-                config,
-                tmp_path / "sweep",
-                executor=executor,
-                on_result=lambda cell, *_: found.append(cell),
-            )
-        assert [cell.num_timesteps for cell in result.cells] == [10]
+        result = sweep(
+            config,
+            tmp_path / "sweep",
+            executor=Here(),
+            on_result=lambda run, *_: found.append(run),
+        )
+        assert [run.result["num_timesteps"] for run in result.runs] == [10]
     assert len(found) == 1  # the second call has nothing to do
     (state,) = sweep_status(config, tmp_path / "sweep")
-    assert state.metrics == found[0].metrics
-    longer = SweepConfig(**{**SHORT, "settings": {**settings, "n_timesteps": 230}})
-    (job,) = jobs_of(longer, tmp_path / "sweep")
-    assert not status_of(job).finished
+    assert state.result == found[0].result
+    (state.job.folder / "result.json").unlink()  # as of a process that was killed as it evaluated
+    (again,) = sweep(config, tmp_path / "sweep", executor=Here()).runs
+    assert again.result["metrics"] == state.result["metrics"]
+    assert again.result["num_timesteps"] == 10
 
 
 def test_the_file_is_named_when_a_setting_is_wrong(tmp_path):
@@ -154,50 +146,50 @@ def test_the_file_is_named_when_a_setting_is_wrong(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_sweep_ends_goes_on_and_has_results(tmp_path):
-    """One folder sees all: a run that had stopped, one that fails, a changed grid, a longer one."""
+def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
+    """One folder sees all: a run that had stopped, another one, results, a changed grid."""
     place = tmp_path / "sweep"
-    good = SweepConfig(**SHORT)
-    (job,) = jobs_of(good, place)
-    # The run had stopped after its second checkpoint.
-    shorter = SweepConfig(**{**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 120}})
-    assert finish_cell(jobs_of(shorter, place)[0]).finished
+    (job,) = jobs_of(SweepConfig(**SHORT), place)
+    # The run had stopped after its second checkpoint, and an older version had begun the sweep.
+    shorter = dataclasses.replace(job.config, n_timesteps=120)
+    Job.do(training("shorter", job.folder, shorter))
+    for name in ("job.yml", "result.json"):
+        (job.folder / name).unlink()
     shutil.copytree(job.folder, tmp_path / "alone")
-
     both = SweepConfig(**{**SHORT, "variants": {"": {}, "odd": {"train_freq": [1, "episode"]}}})
-    with here() as executor, pytest.raises(RunError, match="not empty and no sweep"):
-        sweep(good, place, executor=executor)
-    (place / "sweep.yml").write_text("{}", encoding="utf-8")
+    with pytest.raises(RunError, match="not empty and no sweep"):
+        sweep(both, place, executor=Here())
+    (place / "sweep.yml").write_text(yaml.safe_dump({job.name: job.config.to_mapping()}))
     told = []
-    with here() as executor:
-        result = sweep(
-            both, place, executor=executor, on_result=lambda cell, done, total: told.append(done)
-        )
-    first = result.cells[0]
-    assert first.started_at == 120
-    assert first.num_timesteps == 220
-    judged = Path(first.folder, "evaluation", "metrics.json").read_bytes()
+    result = sweep(both, place, executor=Here(), on_result=lambda run, done, _: told.append(done))
+    first = result.runs[0]
+    assert isinstance(first.job, Job)
+    assert (first.result["started_at"], first.result["num_timesteps"]) == (120, 220)
+    judged = Path(first.job.folder, "evaluation", "metrics.json").read_bytes()
     assert json.loads(judged)["num_timesteps"] == 220  # of the last model, not of the 120 steps
     assert told == [1, 2]
-    assert all(cell.finished for cell in result.cells)
+    assert [run.state for run in result.runs] == ["finished", "finished"]
 
     resume(tmp_path / "alone", 220, progress_bar=False, checkpoint_every=60)
-    assert_same_weights(first.folder, tmp_path / "alone")
+    assert_same_weights(first.job.folder, tmp_path / "alone")
 
     with (place / "results.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [row["state"] for row in rows] == ["finished", "finished"]
-    assert float(rows[0]["f1"]) == first.metrics["f1"]
-
-    before = Path(first.folder, "model.zip").stat().st_mtime_ns
-    with here() as executor:
-        again = sweep(both, place, executor=executor, on_result=lambda *_: pytest.fail("a run"))
-    assert [cell.metrics for cell in again.cells] == [cell.metrics for cell in result.cells]
-    assert Path(first.folder, "model.zip").stat().st_mtime_ns == before
+    assert [(row["cell"], row["seed"], row["state"]) for row in rows] == [
+        (run.job.name.partition("/")[0], "0", "finished") for run in result.runs
+    ]
+    assert float(rows[0]["f1"]) == first.result["metrics"]["f1"]
+    again = sweep(both, place, executor=Here(), on_result=lambda *_: pytest.fail("a run"))
+    assert [run.result for run in again.runs] == [run.result for run in result.runs]
 
     changed = SweepConfig(**{**SHORT, "settings": {**SHORT["settings"], "gamma": 0.5}})
-    with here() as executor, pytest.raises(RunError, match="other settings than when it was begun"):
-        sweep(changed, place, executor=executor)
+    with pytest.raises(RunError, match=r"The run '.*' in '.*' has .*gamma 0.\d+, not 0.5"):
+        sweep(changed, place, executor=Here())
+
+
+def test_a_folder_is_no_url():
+    with pytest.raises(ConfigError, match="'s3://b/s': expected a path of a file system that all"):
+        sweep(SweepConfig(**SHORT), "s3://b/s")
 
 
 @pytest.mark.slow
@@ -219,7 +211,7 @@ def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
     told = capsys.readouterr()
     assert status == 2
     assert "gone.mid" in told.err
-    states = [cell.state for cell in sweep_status(load_sweep(file), tmp_path / "sweep")]
+    states = [run.state for run in sweep_status(load_sweep(file), tmp_path / "sweep")]
     assert states == ["not begun", "finished"]
 
 
@@ -249,47 +241,12 @@ def test_an_evaluation_that_is_interrupted_leaves_its_cell_unfinished(
     (job,) = jobs_of(config, tmp_path / "sweep")
     Path("ctrl-c").touch()
     with pytest.raises(KeyboardInterrupt):
-        finish_cell(job)
+        job.do()
     assert not Path("ctrl-c").exists()
     file = Path(job.folder, "evaluation", "metrics.json")
     assert len(json.loads(file.read_text())["episodes"]) == 1
-    assert status_of(job).state == "1 of 1 steps"
-    assert finish_cell(job).finished
-
-
-@pytest.mark.slow
-def test_on_object_storage_a_cell_goes_on_from_the_last_whole_copy(tmp_path):
-    url = f"local://{tmp_path / 'bucket'}"
-    shorter = SweepConfig(**{**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 120}})
-    (job,) = jobs_of(shorter, tmp_path / "sweep", url)
-    assert finish_cell(job).num_timesteps == 120
-    kept = tmp_path / "bucket" / job.folder.removeprefix(url).strip("/")
-    assert len(list(kept.glob("copy-*"))) == 1
-    assert status_of(job).finished
-    more = dataclasses.replace(job, episodes=2)
-    assert (status_of(more).finished, status_of(more).num_timesteps) == (False, 120)
-    (kept / "copy-99").mkdir()  # of a process that died while it copied
-    (longer,) = jobs_of(SweepConfig(**SHORT), tmp_path / "sweep", url)
-    assert status_of(longer).state == "120 of 220 steps"
-    result = finish_cell(longer)
-    assert (result.started_at, result.num_timesteps) == (120, 220)
-    newest = kept / (kept / "current").read_text(encoding="utf-8")
-    assert Checkpoint.read(newest / "checkpoint").num_timesteps == 220
-
-
-def test_copies_that_a_process_left_which_died_are_deleted(tmp_path):
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "file").write_text("new")
-    bucket = tmp_path / "bucket"
-    for name in ("copy-3", "copy-5", "copy-7"):
-        (bucket / name).mkdir(parents=True)
-    (bucket / "current").write_text("copy-5")
-    mirror = Mirror(tmp_path / "run", f"local://{bucket}")
-    mirror.fetch()
-    for number, newer in ((6, {"copy-7"}), (7, set())):  # that may be under way elsewhere
-        mirror.store()
-        assert {path.name for path in bucket.iterdir()} == {f"copy-{number}", "current", *newer}
-        assert (bucket / (bucket / "current").read_text() / "file").read_text() == "new"
+    assert [run.state for run in status([job])] == ["1 of 1 steps"]
+    assert set(job.do()["metrics"]) >= {"f1", "return"}
 
 
 @pytest.mark.slow
@@ -317,19 +274,15 @@ def test_a_node_that_dies_loses_no_cell(ray_cluster, tmp_path):
     killer = threading.Thread(target=kill)
     killer.start()
     result = sweep(
-        config, place, ray=ray_cluster.address, on_result=lambda cell, *_: found.append(cell)
+        config, place, ray=ray_cluster.address, on_result=lambda run, *_: found.append(run)
     )
     killer.join()
     ray_cluster.add_node(num_cpus=1, node_ip_address="127.0.0.1", object_store_memory=2**27)
-    assert sorted(cell.seed for cell in found) == list(range(4))
-    assert all(cell.finished for cell in result.cells), [cell.error for cell in result.cells]
-    assert len([cell for cell in result.cells if cell.started_at > 0]) == 1
-    untouched = next(cell for cell in result.cells if cell.started_at == 0)
-    with here() as executor:
-        (expected,) = sweep(
-            SweepConfig(**{**longer, "seeds": (untouched.seed,)}),
-            tmp_path / "local",
-            executor=executor,
-        ).cells
-    assert untouched.metrics == expected.metrics
-    assert_same_weights(untouched.folder, expected.folder)
+    assert sorted(run.job.config.seed for run in found) == list(range(4))
+    assert [run.state for run in result.runs] == ["finished"] * 4, [r.text for r in result.runs]
+    assert len([run for run in result.runs if run.result["started_at"] > 0]) == 1
+    untouched = next(run for run in result.runs if run.result["started_at"] == 0)
+    alone = SweepConfig(**{**longer, "seeds": (untouched.job.config.seed,)})
+    (expected,) = sweep(alone, tmp_path / "local", executor=Here()).runs
+    assert untouched.result == expected.result
+    assert_same_weights(untouched.job.folder, expected.job.folder)

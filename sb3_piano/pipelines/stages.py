@@ -15,14 +15,13 @@ from annotated_types import MinLen
 from pydantic import BeforeValidator
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
+from sb3_piano.callbacks import Condition, F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import NAMED
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import is_path
 from sb3_piano.settings import (
-    Count,
     Index,
     Listed,
     Share,
@@ -61,87 +60,8 @@ _OTHERS = ("eval_freq", "patience")
 _NOT_OF_STAGES = {"algo", "env_id", "env_module", "algorithm_kwargs", "seed"}
 _NOT_OF_STAGES |= {"action_noise", "tensorboard_log"}
 
-_Calls = Annotated[Count, BeforeValidator(zoo_number)]
 _OneOrSeveral = BeforeValidator(lambda value: (value,) if isinstance(value, str) else value or ())
 _Plain = BeforeValidator(lambda value: plain(value, "settings"))
-
-
-@settings
-class Condition:
-    """Condition that ends a stage before its budget: what its evaluations have to reach.
-
-    The evaluations are those of the callbacks of the stage's run that are a
-    :class:`~sb3_piano.callbacks.MetricEvalCallback`. A run without any gets an ``OnsetF1Callback``
-    if onset F1 is asked for, else an ``F1Callback``.
-
-    Raises:
-        ConfigError: If no metric is named, one is not among :data:`CONDITIONS`, or a number is out
-            of range.
-    """
-
-    thresholds: Mapping[str, Share]
-    """The least value of each metric; all of them have to be reached."""
-    eval_freq: _Calls | None = None
-    """Calls between two evaluations, as of the callback, whose own it replaces: environment steps
-    over the number of environments, or of hands where they are agents."""
-    patience: _Calls = 1
-    """In how many evaluations in a row they have to be reached."""
-
-    def __post_init__(self) -> None:
-        refuse_unknown(self.thresholds, CONDITIONS, "metric", "until")
-        if not self.thresholds:
-            raise ConfigError("until names no metric: expected one or more, as in onset_f1: 0.8.")
-
-    @classmethod
-    def from_mapping(cls, value: Any) -> Self:
-        """Return the condition that ``until`` has in YAML: ``{onset_f1: 0.8, patience: 2}``."""
-        entries = coerce_mapping(value, "until")
-        refuse_unknown(entries, (*CONDITIONS, *_OTHERS), "key", "until")
-        others = {name: entries.pop(name) for name in _OTHERS if name in entries}
-        thresholds = {n: checked(f"until.{n}", least, Share) for n, least in entries.items()}
-        return cls(thresholds=thresholds, **others)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the condition as YAML has it."""
-        others = {name: getattr(self, name) for name in _OTHERS}
-        return {**self.thresholds, **{n: v for n, v in others.items() if v is not None}}
-
-    def is_met(self, evaluations: list[Mapping[str, float]]) -> bool:
-        """Return whether the last of the evaluations, the oldest first, are all high enough."""
-        last = evaluations[-self.patience :]
-        return len(last) == self.patience and all(
-            found[name] >= least for found in last for name, least in self.thresholds.items()
-        )
-
-    def with_evaluation(self, config: RunConfig) -> RunConfig:
-        """Return the settings of a run with evaluations.
-
-        Raises:
-            ConfigError: If so few are made that it can never be met.
-        """
-        plugins = config.callback
-        if not any(plugin.is_a(MetricEvalCallback) for plugin in plugins):
-            kind = OnsetF1Callback if OnsetF1Callback.metric in self.thresholds else F1Callback
-            plugins = (*plugins, Plugin(path=f"sb3_piano.callbacks.{kind.__name__}"))
-        if self.eval_freq is not None:
-            plugins = with_arguments(plugins, MetricEvalCallback, eval_freq=self.eval_freq)
-        judges = [plugin for plugin in plugins if plugin.is_a(MetricEvalCallback)]
-        most = sum(_evaluations(plugin, config) for plugin in judges)
-        if most < self.patience:
-            raise ConfigError(
-                f"until {self.to_mapping()} can never be met: in n_timesteps {config.n_timesteps} "
-                f"of {config.n_agents} environment(s), or hands as agents, come {most} "
-                "evaluations. Expected more steps, or a smaller eval_freq."
-            )
-        return dataclasses.replace(config, callback=plugins)
-
-
-def _evaluations(plugin: Plugin, config: RunConfig) -> int:
-    """Return how often a callback evaluates at most: every so many calls, and at the start."""
-    default = inspect.signature(MetricEvalCallback).parameters["eval_freq"].default
-    freq = checked("eval_freq", plugin.kwargs.get("eval_freq", default), Index)
-    several = config.n_timesteps // config.n_agents // freq if freq else 0
-    return int(several) + bool(plugin.kwargs.get("evaluate_start"))
 
 
 @settings
@@ -179,6 +99,8 @@ class Stage:
                 f"It has {' and '.join(given) or 'nothing to play'}: expected one of piece, pieces "
                 "and env."
             )
+        if self.until is not None:
+            refuse_unknown(self.until.thresholds, CONDITIONS, "metric", "until")
 
     @property
     def label(self) -> str:
@@ -194,7 +116,7 @@ class Stage:
         mapping = {f.name: own[f.name] for f in fields if own[f.name] != f.default}
         if self.pieces:
             mapping["pieces"] = list(self.pieces)
-        until = {} if self.until is None else {"until": self.until.to_mapping()}
+        until = {} if self.until is None else {"until": _until(self.until)}
         return {**mapping, **self.settings, **until}
 
     def run_config(self, algo: str) -> RunConfig:
@@ -210,7 +132,7 @@ class Stage:
         config = load_config(algo, self.env or GENERAL_ID, self.config, **overrides)
         if not (self.with_entropy or config.learns_entropy):
             raise without_learnt_entropy(config.algorithm)
-        return config if self.until is None else self.until.with_evaluation(config)
+        return config if self.until is None else _with_evaluation(config, self.until)
 
 
 @settings
@@ -316,6 +238,52 @@ def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
         raise ConfigError(text if text.startswith(f"'{file}'") else f"'{file}': {text}") from error
 
 
+def _condition(value: Any) -> Condition:
+    """Return the condition that ``until`` has in YAML: ``{onset_f1: 0.8, patience: 2}``."""
+    entries = coerce_mapping(value, "until")
+    refuse_unknown(entries, (*CONDITIONS, *_OTHERS), "key", "until")
+    others = {name: zoo_number(entries.pop(name)) for name in _OTHERS if name in entries}
+    least = {name: checked(f"until.{name}", value, Share) for name, value in entries.items()}
+    return Condition(thresholds=least, **others)
+
+
+def _with_evaluation(config: RunConfig, until: Condition) -> RunConfig:
+    """Return the settings of a run with the evaluations that a condition goes by.
+
+    Raises:
+        ConfigError: If so few are made that it can never be met.
+    """
+    plugins = config.callback
+    if not any(plugin.is_a(MetricEvalCallback) for plugin in plugins):
+        kind = OnsetF1Callback if OnsetF1Callback.metric in until.thresholds else F1Callback
+        plugins = (*plugins, Plugin(path=f"sb3_piano.callbacks.{kind.__name__}"))
+    if until.eval_freq is not None:
+        plugins = with_arguments(plugins, MetricEvalCallback, eval_freq=until.eval_freq)
+    judges = [plugin for plugin in plugins if plugin.is_a(MetricEvalCallback)]
+    most = sum(_evaluations(plugin, config) for plugin in judges)
+    if most < until.patience:
+        raise ConfigError(
+            f"until {_until(until)} can never be met: in n_timesteps {config.n_timesteps} of "
+            f"{config.n_agents} environment(s), or hands as agents, come {most} evaluations. "
+            "Expected more steps, or a smaller eval_freq."
+        )
+    return dataclasses.replace(config, callback=plugins)
+
+
+def _evaluations(plugin: Plugin, config: RunConfig) -> int:
+    """Return how often a callback evaluates at most: every so many calls, and at the start."""
+    default = inspect.signature(MetricEvalCallback).parameters["eval_freq"].default
+    freq = checked("eval_freq", plugin.kwargs.get("eval_freq", default), Index)
+    several = config.n_timesteps // config.n_agents // freq if freq else 0
+    return int(several) + bool(plugin.kwargs.get("evaluate_start"))
+
+
+def _until(condition: Condition) -> dict[str, Any]:
+    """Return a condition as YAML has it."""
+    others = {name: getattr(condition, name) for name in _OTHERS}
+    return {**condition.thresholds, **{n: v for n, v in others.items() if v is not None}}
+
+
 def _fields_of_stages() -> set[str]:
     return {f.name for f in dataclasses.fields(Stage)} - {"settings"}
 
@@ -339,7 +307,7 @@ def _stage(keys: dict[str, Any], folder: Path | None) -> Stage:
     """Return the stage of some keys, with absolute paths if a folder is given."""
     own = {name: keys.pop(name) for name in _fields_of_stages() if name in keys}
     if own.get("until") is not None:
-        own["until"] = Condition.from_mapping(own["until"])
+        own["until"] = _condition(own["until"])
     stage = Stage(**own, settings=keys)
     if folder is None:
         return stage

@@ -1,4 +1,4 @@
-"""Checks of a curriculum before it is trained: do its stages fit its folder, and each other."""
+"""Check of a curriculum before it is trained: do its stages fit each other."""
 
 from __future__ import annotations
 
@@ -8,44 +8,11 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
+from sb3_piano.exceptions import ConfigError, SB3PianoError
+from sb3_piano.pipelines.stages import Curriculum
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.runs.builders import build_env
-from sb3_piano.training.runs.curriculum_config import Curriculum
 from sb3_piano.training.runs.folder import RunFolder
-
-_SHARED = ("algo", "init_from", "seed")
-
-
-def check_unchanged(place: Path, theirs: Curriculum, ours: Curriculum) -> int:
-    """Return how many stages have begun in a folder, and whose settings are still the same.
-
-    Args:
-        place: The folder.
-        theirs: The curriculum that is in the folder.
-        ours: The one that is to be trained on there.
-
-    Raises:
-        RunError: If a stage that has begun has other settings now.
-    """
-    runs = [RunFolder(place / name) for name in theirs.run_names]
-    begun = max((n for n, run in enumerate(runs, start=1) if run.has_begun), default=0)
-    if begun == 0:
-        return 0
-    shared: list[dict[str, Any]] = [{n: getattr(c, n) for n in _SHARED} for c in (theirs, ours)]
-    pairs = [("It", shared[0], shared[1])]
-    for index in range(begun):
-        now = [stage.to_mapping() for stage in ours.stages[index : index + 1]] or [{}]
-        pairs.append((f"Stage {index + 1}", theirs.stages[index].to_mapping(), now[0]))
-    for what, old, new in pairs:
-        for name in dict.fromkeys((*old, *new)):
-            if old.get(name) != new.get(name):
-                raise RunError(
-                    f"The curriculum in '{place}' has begun with other settings. {what} has "
-                    f"{name} {old.get(name)!r} there, not {new.get(name)!r}: expected the same, or "
-                    "another folder (--run). Only stages that have not begun may change."
-                )
-    return begun
 
 
 class _Interface(NamedTuple):

@@ -66,7 +66,7 @@ def finish(
                 del left[job.name]
                 running[executor.submit(Job.do, job)] = job
             done = wait(running, LOOK_EVERY, FIRST_COMPLETED).done
-            for future in done:
+            for future in [one for one in running if one in done]:
                 note(_outcome(running.pop(future), future, go_on))
             _check(request)
     finally:

@@ -42,7 +42,7 @@ LINES = {
     "training": 6_950,
     "tuning": 2_700,
     "vec_env": 490,
-    "viewing": 2_310,
+    "viewing": 2_330,
     "wrappers": 2_050,
 }
 

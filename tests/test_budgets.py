@@ -22,24 +22,22 @@ LINES = {
     "base": 1_700,
     "buffers": 660,
     "callbacks": 2_810,
-    "cli": 3_100,
-    "corpora": 580,
-    "demonstrations": 1_520,
+    "cli": 3_110,
+    "demonstrations": 1_560,
     "envs": 3_300,
     "hyperparams": 30,
     "interop": 240,
-    "jobs": 1_000,
+    "jobs": 1_080,
     "lab": 5_800,
     "metrics": 1_100,
     "music": 8_760,
-    "pipelines": 1_850,
+    "pipelines": 1_840,
     "planning": 3_330,
     "players": 1_700,
     "policies": 1_580,
     "reading": 930,
     "simulation": 1_190,
-    "sweeps": 700,
-    "training": 6_950,
+    "training": 6_080,
     "tuning": 2_700,
     "vec_env": 490,
     "viewing": 2_330,
@@ -48,9 +46,9 @@ LINES = {
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_000, "modules": 315, "names": 406},
+    "core": {"lines": 48_000, "modules": 316, "names": 406},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 46_200},
+    "tests": {"lines": 45_600},
 }
 
 

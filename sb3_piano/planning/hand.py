@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import pickle
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,28 +47,28 @@ class Hand:
     def of(cls, scene: PianoScene, side: int, keys: KeyPlaces, n_substeps: int) -> Hand:
         """Find the posture of a hand (0 right, 1 left), fingertips over neighbouring white keys."""
         kinematics = HandKinematics(scene, side)
-        rest = _posture_in(scene, side)
+        rest = resting_posture(kinematics, keys)
         pull = _PULL * np.array([_firmness(name) for name in kinematics.names])
         dynamics = HandDynamics.of(scene, kinematics, rest, n_substeps)
         return cls(kinematics, keys, rest, pull, dynamics)
 
 
-@functools.lru_cache(maxsize=8)
-def _posture_in(scene: PianoScene, side: int) -> FloatArray:
-    """Return a hand's resting posture, sought once a scene, which takes a tenth of a second."""
-    posture = resting_posture(HandKinematics(scene, side), KeyPlaces.of(scene))
-    posture.flags.writeable = False
-    return posture
-
-
 def resting_posture(kinematics: HandKinematics, keys: KeyPlaces) -> FloatArray:
-    """Return the posture in which the fingertips lie over neighbouring white keys, (n,)."""
+    """Return the posture in which the fingertips lie over neighbouring white keys, (n,).
+
+    It is sought once for all hands that are alike, which takes a tenth of a second.
+    """
+    return _sought(pickle.dumps(kinematics), float(np.min(keys.top)))
+
+
+@functools.lru_cache(maxsize=16)
+def _sought(pickled_kinematics: bytes, top: float) -> FloatArray:
+    kinematics: HandKinematics = pickle.loads(pickled_kinematics)
     fingers = np.arange(FINGERS_PER_HAND) - MIDDLE
     across = kinematics.middle + kinematics.sign * KEY_SPACING * fingers
     along = np.full(FINGERS_PER_HAND, WHITE_X[1])
     along[THUMB] = WHITE_X[0]
-    height = float(np.min(keys.top)) + _HEIGHT
-    target = np.stack([along, across, np.full(FINGERS_PER_HAND, height)], axis=1)
+    target = np.stack([along, across, np.full(FINGERS_PER_HAND, top + _HEIGHT)], axis=1)
     start = np.array([_start(name) for name in kinematics.names])
     low, high = kinematics.low, kinematics.high
     rng = np.random.default_rng(0)
@@ -88,7 +89,9 @@ def resting_posture(kinematics: HandKinematics, keys: KeyPlaces) -> FloatArray:
         guess = np.clip(start + noise, low + 1e-6, high - 1e-6)
         solutions.append(least_squares(residuals, guess, jac=slopes, bounds=(low, high)))
     best = min(solutions, key=lambda solution: float(solution.cost))
-    return np.asarray(best.x)
+    posture = np.asarray(best.x)
+    posture.flags.writeable = False
+    return posture
 
 
 def _start(name: str) -> float:

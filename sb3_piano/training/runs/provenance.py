@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import importlib.metadata
 import platform
 import shlex
@@ -26,7 +27,13 @@ def provenance(seed: int | None) -> dict[str, Any]:
         "matmul_precision": torch.get_float32_matmul_precision(),
         "versions": {
             "sb3_piano": sb3_piano.__version__,
-            **{package: importlib.metadata.version(package) for package in _PACKAGES},
+            **_versions(),
             "python": platform.python_version(),
         },
     }
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    """Return those of the packages, whose metadata take a while to be read."""
+    return {package: importlib.metadata.version(package) for package in _PACKAGES}

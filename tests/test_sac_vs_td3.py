@@ -8,13 +8,13 @@ import re
 import runpy
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
 import yaml
+from fresh_python import running_python
 
 from sb3_piano.music import PianoRoll, load_score
 from sb3_piano.training import evaluate, load_config, train
@@ -104,18 +104,6 @@ def test_the_algorithms_share_what_the_paper_has_for_both():
 # The driver, as a user runs it: interrupted, then run again.
 
 
-def start(runs):
-    """Start the driver in a process of its own."""
-    return subprocess.Popen(
-        [sys.executable, str(FOLDER / "run.py"), *arguments(runs)],
-        cwd=runs.parent,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-
-
 def arguments(runs):
     return [CELL, "--steps", str(STEPS), "--runs", str(runs), "--no-progress"]
 
@@ -131,14 +119,16 @@ def test_the_driver_goes_on_where_it_was_interrupted_and_the_table_shows_it(
     runs = tmp_path / "runs"
     folder = runs / "td3" / "d_major_seed_0"
     log, metrics = folder / "monitor" / "0.monitor.csv", folder / "evaluation" / "metrics.json"
-    with start(runs) as process:
+    with running_python([str(FOLDER / "run.py"), *arguments(runs)], tmp_path) as driver:
+        process = driver.process
         # Until the log of episodes has a line beside its two of heading.
-        while process.poll() is None and not (log.is_file() and log.read_text().count("\n") > 2):
+        while process.is_alive() and not (log.is_file() and log.read_text().count("\n") > 2):
             time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=120)
-    assert process.returncode == 130, output
-    assert "the same command goes on from here" in output
+        os.kill(process.pid, signal.SIGINT)
+        process.join()
+        ended = driver.ended()
+    assert ended.returncode == 130, ended.stderr
+    assert "the same command goes on from here" in ended.stdout
     assert 0 < steps_of(folder) < STEPS
     assert not metrics.exists()
     before = log.read_bytes()

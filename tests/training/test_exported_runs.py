@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import pickle
 import resource
-import subprocess
 import sys
 import textwrap
 
 import numpy as np
 import pytest
 import yaml
+from fresh_python import run_python
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
@@ -65,9 +65,7 @@ def test_a_fresh_process_without_pickle_has_the_same_f1(piano_run, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     run = piano_run(np.linspace(-0.5, 0.5, 39), physics="fast")
     export_run(run.path, "exported", episodes=1, picture=None)
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(FRESH)], capture_output=True, text=True
-    )
+    done = run_python(["-c", textwrap.dedent(FRESH)], tmp_path)
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) == evaluate(run.path).mean["f1"]
 

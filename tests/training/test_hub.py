@@ -8,12 +8,11 @@ import hashlib
 import http.server
 import json
 import shutil
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import pytest
+from fresh_python import run_python
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, write_midi
@@ -104,7 +103,7 @@ def test_a_name_that_is_no_repository_is_refused():
 
 
 @pytest.mark.slow
-def test_a_run_is_published_and_fetched_without_its_pickles(pendulum_run, tmp_path):
+def test_a_run_is_published_and_fetched_without_its_pickles(pendulum_run, tmp_path, monkeypatch):
     pytest.importorskip("huggingface_hub")
     kept = tmp_path / "kept"
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Hub)
@@ -122,17 +121,14 @@ def test_a_run_is_published_and_fetched_without_its_pickles(pendulum_run, tmp_pa
         "    there = (player.run.path / 'model.zip').exists()\n"
         "    print(status, player.play()[0].metrics['return'], there)\n"
     )
-    environment = {
+    for name, value in {
         "HF_ENDPOINT": f"http://127.0.0.1:{server.server_port}",
         "HF_HOME": str(tmp_path / "cache"),
         "HF_TOKEN": "hf_of_a_test",
         "HF_HUB_DISABLE_XET": "1",
-        "PATH": "/usr/bin:/bin",
-        "OMP_NUM_THREADS": "1",
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=environment
-    )
+    }.items():
+        monkeypatch.setenv(name, value)
+    done = run_python(["-c", code], tmp_path)
     server.shutdown()
     assert done.returncode == 0, done.stderr
     assert f"Hub:      http://127.0.0.1:{server.server_port}/a/b" in done.stdout

@@ -10,6 +10,7 @@ import time
 
 import pytest
 import yaml
+from fresh_python import run_python, running_python
 from stable_baselines3 import TD3
 
 from sb3_piano.callbacks import Checkpoint
@@ -19,13 +20,16 @@ from sb3_piano.training import RunFolder, resume
 
 pytestmark = pytest.mark.slow
 
-DEADLINE = 180  # s; starting several processes takes long where others are at work
+PATIENCE = 600  # s; starting several processes takes minutes where many others are at work
+COMMAND = [
+    *("-m", "sb3_piano.cli", "train", "--env", "Pendulum-v1", "--config", "long.yml"),
+    *("--run", "run", "--no-progress", "--seed", "1"),
+]
 
 
 @pytest.fixture
-def start(tmp_path):
-    """Start a long training on Pendulum by command line; kill what is left at the end."""
-    processes = []
+def long(tmp_path):
+    """Write the settings of a long training on Pendulum."""
     settings = {
         "n_timesteps": 1_000_000,
         "policy_kwargs": {"net_arch": [8]},
@@ -37,54 +41,36 @@ def start(tmp_path):
     }
     (tmp_path / "long.yml").write_text(yaml.safe_dump({"default": settings}))
 
-    def run(*options):
-        command = [sys.executable, "-m", "sb3_piano.cli", "train", "--env", "Pendulum-v1"]
-        command += ["--config", "long.yml", "--run", "run", "--no-progress", "--seed", "1"]
-        process = subprocess.Popen(
-            [*command, *options],
-            cwd=tmp_path,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        processes.append(process)
-        return process
 
-    yield run
-    for process in processes:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
-
-
-def wait_for(condition, process):
-    deadline = time.monotonic() + DEADLINE
+def wait_for(condition, ended):
+    """Wait until a training is as far as that."""
+    deadline = time.monotonic() + PATIENCE
     while not condition():
-        assert process.poll() is None, process.communicate()[1]
+        assert not ended(), "the training has ended"
         assert time.monotonic() < deadline, "it took too long"
         time.sleep(0.02)
 
 
+@pytest.mark.usefixtures("long")
 def test_a_run_has_one_training_and_killed_at_any_time_goes_on_from_its_last_checkpoint(
-    start, tmp_path, monkeypatch, capsys
+    tmp_path, monkeypatch, capsys
 ):
-    process = start("--checkpoint-every", "100")
     folder = RunFolder(tmp_path / "run")
-    wait_for(lambda: (folder.checkpoint_dir / "checkpoint.json").exists(), process)
-    wait_for(folder.model_file.exists, process)
+    with running_python([*COMMAND, "--checkpoint-every", "100"], tmp_path) as training:
+        process = training.process
+        for file in (folder.checkpoint_dir / "checkpoint.json", folder.model_file):
+            wait_for(file.exists, lambda: process.exitcode is not None)
 
-    # A second training is refused at once, but all may read.
-    assert main(["train", "--resume", str(folder.path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f"Run '{folder.path}' is being trained by process {process.pid} on " in line
-    assert main(["train", "--env", "Pendulum-v1", "--run", str(folder.path)]) == 2
-    assert "is being trained by process" in capsys.readouterr().err
-    assert main(["evaluate", str(folder.path), "--episodes", "1"]) == 0
+        # A second training is refused at once, but all may read.
+        assert main(["train", "--resume", str(folder.path)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"Run '{folder.path}' is being trained by process {process.pid} on " in line
+        assert main(["train", "--env", "Pendulum-v1", "--run", str(folder.path)]) == 2
+        assert "is being trained by process" in capsys.readouterr().err
+        assert main(["evaluate", str(folder.path), "--episodes", "1"]) == 0
 
-    process.kill()
-    process.wait()
+        process.kill()
+        process.join()
     saved = Checkpoint.read(folder.checkpoint_dir)  # raises if a file of it is missing
     assert saved.num_timesteps >= 100
     assert saved.num_timesteps % 100 == 0
@@ -135,7 +121,7 @@ def test_the_same_command_makes_anew_what_a_killed_one_began(
     if "clone" in command:
         assert main(["record", "trained", "--episodes", "2", "--no-progress"]) == 0
     arguments = [*command.split(), "--no-progress"]
-    killed = subprocess.run([sys.executable, "-c", KILLED, str(number), *arguments])
+    killed = run_python(["-c", KILLED, str(number), *arguments], tmp_path)
     assert killed.returncode == -signal.SIGKILL
     assert list(tmp_path.rglob("*.partial"))
     with pytest.raises(RunError, match="Give the same command again, which makes it anew"):
@@ -145,17 +131,32 @@ def test_the_same_command_makes_anew_what_a_killed_one_began(
     assert not left & {".partial", ".lock", ".unfinished"}
 
 
-@pytest.mark.parametrize(("vec_env", "n_envs"), [("processes", 2), ("subproc", 1)])
-def test_ctrl_c_saves_and_prints_how_to_go_on(start, tmp_path, vec_env, n_envs):
-    process = start("--n-envs", str(n_envs), "--vec-env", vec_env)
+@pytest.mark.usefixtures("long")
+def test_ctrl_c_saves_and_prints_how_to_go_on(tmp_path):
     monitor = tmp_path / "run" / "monitor" / "0.monitor.csv"
-    wait_for(lambda: monitor.exists() and monitor.read_text().count("\n") > 3, process)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: environments get it too
-    out, err = process.communicate(timeout=DEADLINE)
+    process = subprocess.Popen(
+        [sys.executable, *COMMAND, "--n-envs", "2", "--vec-env", "subproc"],
+        cwd=tmp_path,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        wait_for(
+            lambda: monitor.exists() and monitor.read_text().count("\n") > 3,
+            lambda: process.poll() is not None,
+        )
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: environments get it too
+        out, err = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+        process.communicate()
     assert process.returncode == 130, err
     saved = Checkpoint.read(tmp_path / "run" / "checkpoint")
-    assert saved.num_timesteps >= 100 * n_envs
-    assert saved.replay.total == saved.num_timesteps / n_envs
+    assert saved.num_timesteps >= 200
+    assert saved.replay.total == saved.num_timesteps / 2
     assert f"Interrupted after {saved.num_timesteps} of 1000000 steps." in out
     assert "sb3-piano train --resume run" in out
     assert "Traceback" not in err

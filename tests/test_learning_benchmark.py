@@ -17,7 +17,7 @@ FOLDER = Path(__file__).parents[1] / "benchmarks"
 learning = runpy.run_path(str(FOLDER / "learning.py"))
 
 STUDY = {
-    "minutes": 0.01,
+    "minutes": 0.002,
     "every": 20,
     "seeds": [0, 1],
     "envs": ["RoboPianist-debug-CMajorScaleOneHand-v0"],

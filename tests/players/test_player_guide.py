@@ -10,7 +10,7 @@ import pytest
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score, load_score
+from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.planning.sampling import PredictiveSampling
 from sb3_piano.players import SightReader, TreeSearch, TreeSettings
@@ -62,7 +62,7 @@ def test_one_simulation_plays_what_the_player_does(kind, wrap):
 
 @pytest.mark.parametrize(
     ("kind", "piece", "length"),
-    [(SightReader, "FantaisieImpromptu", 3.0), (PlannedPianist, "MapleLeafRag", 4.0)],
+    [(SightReader, "FantaisieImpromptu", 1.5), (PlannedPianist, "MapleLeafRag", 2.0)],
 )
 def test_looking_ahead_plays_a_hard_piece_better(kind, piece, length):
     def hard():
@@ -110,7 +110,7 @@ def test_a_search_that_is_seeded_again_plays_the_same():
         search.set_random_seed(seed)
         observation, _ = env.reset(seed=0)
         game = []
-        for _ in range(20):
+        for _ in range(14):
             game.append(search.predict(observation)[0])
             observation, *_ = env.step(game[-1])
         games.append(np.array(game))
@@ -173,12 +173,13 @@ def test_a_player_of_another_environment_is_refused():
 
 def test_runs_of_players_and_pieces_look_ahead_too(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    write_midi(TUNE, "tune.mid")
     options = {"physics": "fast"}
-    run, *_ = plan_run(planner_config("scale-CMajor", "sight-reader", env_kwargs=options), "run")
+    run, *_ = plan_run(planner_config("tune.mid", "sight-reader", env_kwargs=options), "run")
     found = evaluate(run.path, tree=TreeSettings(simulations=3, depth=2))
     assert found.algo == "sight-reader, tree 3x2"
     assert found.tree.children == 2
-    arguments = ["play", "scale-CMajor", "--tree", "2x1"]
+    arguments = ["play", "tune.mid", "--tree", "2x1"]
     assert main([*arguments, "--physics", "fast", "--no-video", "--no-progress"]) == 0
     assert (tmp_path / "play").iterdir().__next__().name.endswith("-sight-reader-tree")
     assert main([*arguments, "--player", "score"]) == 2

@@ -7,12 +7,10 @@ import pytest
 from sb3_piano.cli import main
 from sb3_piano.training import evaluate, load_config, train
 
-SHORT = {"score": "debug-CMajorScaleTwoHands", "physics": "fast"}
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hands", ["right", "left", "none"])
-def test_a_run_is_trained_judged_watched_and_reported(hands, tmp_path, capsys):
+def test_a_run_is_trained_judged_watched_and_reported(hands, midi_file, tmp_path, capsys):
     config = load_config(
         "ppo",
         "RoboPianist-v0",
@@ -23,12 +21,12 @@ def test_a_run_is_trained_judged_watched_and_reported(hands, tmp_path, capsys):
         n_epochs=1,
         policy_kwargs={"net_arch": [8]},
         callback=[],
-        env_kwargs={**SHORT, "hands_in_scene": hands},
+        env_kwargs={"score": str(midi_file), "physics": "fast", "hands_in_scene": hands},
     )
     run = tmp_path / "run"
     train(config, run)
     found = evaluate(run, motion=True)
-    assert found.mean["length"] > 100
+    assert found.mean["length"] > 20
     returns = {name for name in found.mean if name.startswith("return_")}
     assert ("return_distance" in returns) == (hands == "none")
     assert ("return_fingering" in returns) == (hands != "none")

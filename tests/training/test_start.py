@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
@@ -47,12 +49,27 @@ def config():
     return make
 
 
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Return a function that trains once with each settings, and returns the run's folder."""
+    folders = {}
+
+    def make(settings):
+        if repr(settings) not in folders:
+            place = tmp_path_factory.mktemp("trained") / "run"
+            folders[repr(settings)] = train(settings, place, progress_bar=False).folder
+        return folders[repr(settings)]
+
+    return make
+
+
 @pytest.fixture
-def source(config, tmp_path):
-    """Return a function that trains a model to start from, and returns its folder."""
+def source(config, trained, tmp_path):
+    """Return a function that makes a run to start from, and returns its folder."""
 
     def make(algo="sac", **changes):
-        return train(config(algo, **changes), tmp_path / "source", progress_bar=False).folder
+        folder = trained(config(algo, **changes))
+        return RunFolder(shutil.copytree(folder.path, tmp_path / "source"))
 
     return make
 

@@ -16,7 +16,7 @@ with contextlib.suppress(ImportError):
 
 from sb3_piano.registration import register_envs
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = ["__version__", "register_envs"]
 

@@ -193,3 +193,13 @@ def test_package_citation_and_changelog_name_the_same_version():
     released = re.search(r"^## (\d\S*) \((.*)\)$", changelog, re.MULTILINE)
     assert released.groups() == (citation["version"], str(citation["date-released"]))
     assert citation["version"] == sb3_piano.__version__
+
+
+def test_an_entry_of_the_changelog_is_one_line_under_its_heading():
+    _, *lines = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")
+    for line in "\n".join(lines).splitlines():
+        known = re.match(
+            r"- \S|### (Behaviour|Added|Changed|Fixed)$|Unreleased$|\d\S* \(.*\)$", line
+        )
+        assert not line or known, line
+        assert len(line) <= 132

@@ -1,4 +1,4 @@
-"""A compact buffer saved in segments comes back equal, wherever it was cut."""
+"""A buffer saved in segments comes back equal, wherever it was cut."""
 
 from __future__ import annotations
 
@@ -21,7 +21,22 @@ from sb3_piano.callbacks.replay_segments import (
 )
 from sb3_piano.exceptions import RunError
 
+
+class LabelledBuffer(ReplayBuffer):
+    """A buffer with one more array of rows, and one that has nothing to do with rows."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.labels = np.zeros((self.buffer_size, self.n_envs))
+        self.table = np.zeros(3)
+
+    def add(self, obs, *args, **kwargs):
+        self.labels[self.pos] = obs[:, 0]
+        super().add(obs, *args, **kwargs)
+
+
 PAIRS = [(CompactReplayBuffer, ReplayBuffer), (CompactNStepReplayBuffer, NStepReplayBuffer)]
+SAVED = [*PAIRS, *((kind, kind) for kind in (ReplayBuffer, NStepReplayBuffer, LabelledBuffer))]
 
 
 def add_to_both(pair, play, count, segments):
@@ -44,7 +59,7 @@ def save(segments):
     capacity=st.integers(2, 9),
     n_envs=st.integers(1, 3),
     layout=st.booleans(),
-    kinds=st.sampled_from(PAIRS),
+    kinds=st.sampled_from(SAVED),
     sittings=st.lists(st.lists(st.integers(0, 12), min_size=1, max_size=4), min_size=1, max_size=3),
     seed=st.integers(0, 2**32 - 1),
 )
@@ -72,6 +87,8 @@ def test_after_any_checkpoints_and_resumptions_it_equals_a_stock_buffer_that_was
             play.reset()
     if stock.size():
         assert_equal(compact, stock)
+    if isinstance(stock, LabelledBuffer):
+        np.testing.assert_array_equal(compact.labels, stock.labels)
 
 
 def test_rounded_last_observations_outlive_resuming(tmp_path):

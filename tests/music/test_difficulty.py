@@ -168,9 +168,8 @@ def test_a_file_that_is_no_recording_is_refused(recording, tmp_path, changes, me
         read_motion(tmp_path / "bad.npz")
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 broken", b"\x93NUMPY"])
-def test_a_damaged_file_is_refused(tmp_path, content):
-    (tmp_path / "bad.npz").write_bytes(content)
+def test_a_damaged_file_and_one_that_is_not_there_are_refused(tmp_path):
+    (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04 broken")
     with pytest.raises(ConfigError, match="bad.npz' is no recording of a performance"):
         read_motion(tmp_path / "bad.npz")
     with pytest.raises(ConfigError, match=r"There is no recording '.*none.npz'"):

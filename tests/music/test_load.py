@@ -21,12 +21,6 @@ def test_a_midi_file_is_read(tmp_path, name, as_type):
     assert load_score(as_type(tmp_path / name)) == SCORE
 
 
-def test_a_file_in_the_current_folder_needs_no_separator(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_midi(SCORE, "piece.mid")
-    assert load_score("piece.mid") == SCORE
-
-
 def test_an_unknown_name_is_answered_with_near_names_and_what_is_accepted():
     message = (
         r"Unknown piece 'CMajorScaleTwoHand'\. Did you mean .*TwoHands'.* Expected a name from "

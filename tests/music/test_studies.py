@@ -3,7 +3,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, load_score, major_scale
 from sb3_piano.music.studies import DEBUG
 
@@ -72,8 +71,3 @@ def test_a_scale_starts_where_and_lasts_as_long_as_asked():
     scale = major_scale(left=40, note_duration=0.25, title="E")
     assert [note.pitch for note in scale.notes[:8]] == [40, 42, 44, 45, 47, 49, 51, 52]
     assert (scale.duration, scale.title) == (3.75, "E")
-
-
-def test_a_scale_without_hands_is_refused():
-    with pytest.raises(ScoreError, match="has no notes"):
-        major_scale()

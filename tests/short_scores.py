@@ -5,10 +5,10 @@ from __future__ import annotations
 from sb3_piano.music import Note, Pedal, Score
 
 
-def note_of(onset, offset, pitch, label=-1):
+def note_of(onset, offset, pitch=60, label=-1, **fields):
     """Return a note whose finger or hand, if one is known, is its label."""
-    fields = {"finger" if isinstance(label, int) else "hand": label}
-    return Note(onset=onset, offset=offset, pitch=pitch, **fields)
+    name = "finger" if isinstance(label, int) else "hand"
+    return Note(onset=onset, offset=offset, pitch=pitch, **{name: label, **fields})
 
 
 def score_of(*notes, pedals=(), **fields):

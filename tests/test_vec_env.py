@@ -90,12 +90,6 @@ def venvs():
         venv.close()
 
 
-def both(venvs, make_env, n_envs, n_threads=2):
-    """Return a ``DummyVecEnv`` and a ``ThreadVecEnv`` of equal environments."""
-    env_fns = [lambda i=i: make_env(i) for i in range(n_envs)]
-    return venvs(DummyVecEnv, env_fns), venvs(ThreadVecEnv, env_fns, n_threads=n_threads)
-
-
 def without_time(infos):
     """Return infos without the episode's duration, which ``Monitor`` measures."""
     return [
@@ -120,9 +114,16 @@ def assert_equal_steps(venv, other, actions):
     return seen
 
 
-@pytest.mark.parametrize("n_threads", [1, 2, 3])
-def test_everything_is_equal_to_dummy_vec_env(venvs, n_threads):
-    venv, other = both(venvs, lambda i: Monitor(Scripted()), 3, n_threads)
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [
+        *((ThreadVecEnv, {"n_threads": count}) for count in (1, 2, 3)),
+        pytest.param(ProcessVecEnv, {"n_processes": 2}, marks=pytest.mark.slow),
+    ],
+)
+def test_everything_is_equal_to_dummy_vec_env(venvs, kind, settings):
+    makers = [lambda: Monitor(Scripted())] * 3
+    venv, other = venvs(DummyVecEnv, makers), venvs(kind, makers, **settings)
     actions = np.random.default_rng(0).uniform(-1, 1, (40, 3, 1)).astype(np.float32)
     for vector in (venv, other):
         vector.seed(7)
@@ -254,17 +255,6 @@ def test_processes_give_what_dummy_vec_env_gives(venvs):
     with pytest.raises(TypeError, match="pickle"):
         shared.env_method("lock")
     assert_equal_steps(plain, shared, actions)  # errors change nothing
-
-
-@pytest.mark.slow
-def test_processes_hand_on_dictionaries(venvs):
-    plain = venvs(DummyVecEnv, [Scripted] * 3)
-    shared = venvs(ProcessVecEnv, [Scripted] * 3, n_processes=2)
-    for vector in (plain, shared):
-        vector.seed(7)
-    np.testing.assert_equal(shared.reset(), plain.reset())
-    actions = np.random.default_rng(0).uniform(-1, 1, (20, 3, 1)).astype(np.float32)
-    assert_equal_steps(plain, shared, actions)
 
 
 @pytest.mark.slow

@@ -9,6 +9,10 @@ import numpy as np
 from stable_baselines3 import TD3
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.wrappers import RandomPiece
 
 EPISODE_STEPS = 5
 
@@ -78,6 +82,14 @@ class NoisyEnv(gym.Env):
     def _observation(self):
         draws = [self.np_random.normal(), np.random.normal()]  # noqa: NPY002
         return np.array(draws, dtype=np.float32)
+
+
+def on_pieces(*several, vector=DummyVecEnv, **options):
+    """Return a vector with a piano for each list of pieces, which chooses among them."""
+    options = {"physics": "fast", "n_steps_lookahead": 0, **options}
+    return vector(
+        [lambda own=own: RandomPiece(PianoEnv(own[0], **options), own) for own in several]
+    )
 
 
 def tiny_td3(env, **changes):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scripted import log_lines, series
-from stable_baselines3 import PPO, SAC
+from scripted import log_lines, on_pieces, series, tiny_td3
+from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -27,23 +27,6 @@ def piece(n_keys):
 
 FIVE = [piece(n_keys) for n_keys in (3, 1, 5, 2, 4)]
 """Pieces of equal length, not in the order of their difficulty."""
-
-
-def on_pieces(*several, vector=DummyVecEnv):
-    """Return a vector with an environment for each list of pieces."""
-
-    def piano(pieces):
-        return RandomPiece(PianoEnv(pieces[0], physics="fast", n_steps_lookahead=0), pieces)
-
-    return vector([lambda pieces=pieces: piano(pieces) for pieces in several])
-
-
-def model_of(venv):
-    """Return a model that only collects."""
-    network = {"net_arch": [8]}
-    return SAC(
-        "MlpPolicy", venv, learning_starts=10**6, policy_kwargs=network, device="cpu", seed=3
-    )
 
 
 class Drawn(BaseCallback):
@@ -74,14 +57,14 @@ def drawn(venv, steps, **settings):
     """Return which pieces each environment draws in each band."""
     curriculum = DifficultyCallback(**settings)
     seen = Drawn()
-    model_of(venv).learn(steps, callback=[curriculum, seen])
+    tiny_td3(venv).learn(steps, callback=[curriculum, seen])
     venv.close()
     return seen.found
 
 
 def test_the_bands_are_those_of_the_ranks():
     curriculum = DifficultyCallback(bands=3)
-    model_of(on_pieces(FIVE)).learn(1, callback=curriculum)
+    tiny_td3(on_pieces(FIVE)).learn(1, callback=curriculum)
     expected = {"1 keys": 1, "2 keys": 1, "3 keys": 2, "4 keys": 2, "5 keys": 3}
     assert curriculum.bands == expected
     assert list(curriculum.bands) == list(expected)
@@ -119,14 +102,14 @@ def test_environments_in_processes():
 
 
 def test_the_band_is_logged_by_the_step_and_goes_on_with_a_training(tmp_path):
-    model = model_of(on_pieces(FIVE))
+    model = tiny_td3(on_pieces(FIVE))
     settings = {"bands": 4, "fraction": 0.8}
     lines = log_lines(tmp_path, model, 100, DifficultyCallback(**settings), log_interval=1)
     bands = series(lines, "curriculum/band")
     assert set(bands.values()) == {1, 2, 3, 4, 5}
     # of 80 steps a band has 20: the 20th begins the second
     assert all(band == min(step // 20, 4) + 1 for step, band in bands.items())
-    model = model_of(on_pieces(FIVE))
+    model = tiny_td3(on_pieces(FIVE))
     model.learn(50, callback=DifficultyCallback(**settings))
     again = DifficultyCallback(**settings)
     # of 100 steps in all
@@ -140,7 +123,7 @@ def test_a_second_training_sets_the_weights_of_its_own_environments():
     curriculum = DifficultyCallback(bands=5)
     for _ in range(2):
         venv = on_pieces(FIVE)
-        model_of(venv).learn(100, callback=[curriculum, Ended()])
+        tiny_td3(venv).learn(100, callback=[curriculum, Ended()])
         assert venv.envs[0]._probabilities.tolist() == [0, 1, 0, 0, 0]
 
 
@@ -155,7 +138,7 @@ def test_each_piece_is_read_once():
     def maker():
         return Counting(PianoEnv(FIVE[0], physics="fast", n_steps_lookahead=0), FIVE)
 
-    model_of(DummyVecEnv([maker, maker])).learn(2, callback=DifficultyCallback())
+    tiny_td3(DummyVecEnv([maker, maker])).learn(2, callback=DifficultyCallback())
     assert Counting.read == [score.title for score in FIVE]
 
 
@@ -172,7 +155,7 @@ def test_an_on_policy_algorithm_needs_no_more():
 def test_the_ranks_are_those_of_the_command():
     names = ["debug-TwinkleTwinkleLittleStar", "scale-CMajor", "repertoire-OdeToJoy"]
     curriculum = DifficultyCallback(bands=3)
-    model_of(on_pieces(names)).learn(1, callback=curriculum)
+    tiny_td3(on_pieces(names)).learn(1, callback=curriculum)
     expected = list(rank({name: features(load_score(name)) for name in names}))
     assert list(curriculum.bands) == expected
 
@@ -193,6 +176,6 @@ def test_settings_out_of_range_are_refused(settings, message):
 def test_more_bands_than_pieces_and_environments_without_a_choice_are_refused():
     message = "bands is 6, but the environments choose among 5 pieces: expected at most as many"
     with pytest.raises(ConfigError, match=message):
-        model_of(on_pieces(FIVE)).learn(1, callback=DifficultyCallback(bands=6))
+        tiny_td3(on_pieces(FIVE)).learn(1, callback=DifficultyCallback(bands=6))
     with pytest.raises(ConfigError, match="DifficultyCallback finds no environment that chooses"):
-        model_of(on_pieces(FIVE[:1])).learn(1, callback=DifficultyCallback())
+        tiny_td3(on_pieces(FIVE[:1])).learn(1, callback=DifficultyCallback())

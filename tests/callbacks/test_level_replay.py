@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from sb3_contrib import TQC, CrossQ
-from scripted import as_dict, log_lines, series
+from scripted import as_dict, log_lines, on_pieces, series
 from stable_baselines3 import DDPG, DQN, PPO, SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
@@ -39,11 +39,6 @@ NINE = [piece(title, 3) for title in "abcdefghi"]
 def piano(pieces=THREE, **options):
     options = {"physics": "fast", "n_steps_lookahead": 0, **options}
     return RandomPiece(PianoEnv(pieces[0], **options), pieces)
-
-
-def on_pieces(*several, vector=DummyVecEnv, **options):
-    """Return a vector with an environment for each list of pieces."""
-    return vector([lambda pieces=pieces: piano(pieces, **options) for pieces in several])
 
 
 def model_of(venv, algorithm=SAC, **kwargs):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import random
 
 import numpy as np
 import pytest
-from short_scores import score_of
+from short_scores import note_of, score_of
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score, major_scale
+from sb3_piano.music import Score, major_scale
 from sb3_piano.music.built_in import REPERTOIRE
 from sb3_piano.music.difficulty import (
     Features,
@@ -21,10 +20,7 @@ from sb3_piano.music.difficulty import (
     read_motion,
     write_motion,
 )
-
-
-def note(onset, offset, pitch, hand="right"):
-    return Note(onset=onset, offset=offset, pitch=pitch, hand=hand)
+from sb3_piano.music.fingering import without_fingers
 
 
 def test_features_of_a_piece_worked_by_hand():
@@ -47,26 +43,27 @@ def test_features_of_a_piece_worked_by_hand():
 
 
 def test_a_scale_has_one_note_a_hand_although_its_times_are_rounded():
-    tenths = [note(0.1 * i, 0.1 * (i + 1), 60 + i) for i in range(20)]
-    late = [note(0.1 * i, 0.1 * (i + 1) + 0.0009, 60 + i) for i in range(20)]
-    for notes in (tenths, late):
-        found = features(Score(notes=notes))
-        assert (found.maximum_polyphony, found.hand_span) == (1, 0)
-        assert found.average_polyphony == pytest.approx(1.0, abs=0.01)
-    overlapping = [note(0.1 * i, 0.1 * (i + 1) + 0.0011, 60 + i) for i in range(20)]
-    assert features(Score(notes=overlapping)).maximum_polyphony == 2
+    def scale(late):
+        return features(
+            score_of(*((i / 10, (i + 1) / 10 + late, 60 + i, "right") for i in range(20)))
+        )
+
+    for late in (0, 0.0009):
+        assert (scale(late).maximum_polyphony, scale(late).hand_span) == (1, 0)
+        assert scale(late).average_polyphony == pytest.approx(1.0, abs=0.01)
+    assert scale(0.0011).maximum_polyphony == 2
 
 
 def test_a_rolled_chord_is_one_place_of_the_hand():
-    rolled = [note(0, 1, 60), note(0.02, 1, 64), note(0.03, 1, 67), note(1, 2, 72)]
-    assert features(Score(notes=rolled)).hand_motion == pytest.approx((72 - 63.5) / 2 / 2)
-    broken = [note(0, 1, 60), note(0.02, 1, 64), note(0.031, 1, 67), note(1, 2, 72)]
-    assert features(Score(notes=broken)).hand_motion == pytest.approx((67 - 62 + 5) / 2 / 2)
+    for last, motion in ((0.03, 72 - 63.5), (0.031, 67 - 62 + 5)):
+        chord = (0, 1, 60, "right"), (0.02, 1, 64, "right"), (last, 1, 67, "right")
+        found = features(score_of(*chord, (1, 2, 72, "right")))
+        assert found.hand_motion == pytest.approx(motion / 2 / 2)
 
 
 def test_hands_that_are_unknown_are_assigned():
     scale = major_scale(right=72, left=48)
-    bare = Score(notes=[dataclasses.replace(n, finger=-1, hand=None) for n in scale.notes])
+    bare = without_fingers(scale, keep_hands=False)
     assert all(n.hand is None for n in bare.notes)
     assert features(bare) == features(scale)
 
@@ -79,7 +76,7 @@ def test_polyphony_is_that_counted_on_a_fine_grid(seed):
         onset = draw.randrange(400)  # hundredths
         length = draw.randrange(2, 120)
         hand = draw.choice(("right", "left"))
-        notes.append(note(onset / 100, (onset + length) / 100, draw.randrange(40, 80), hand))
+        notes.append(note_of(onset / 100, (onset + length) / 100, draw.randrange(40, 80), hand))
     piece = Score(notes=notes)
     found = features(piece)
     first = round(100 * min(n.onset for n in notes))

@@ -5,13 +5,10 @@ import pretty_midi
 import pytest
 from hypothesis import given, settings
 from random_scores import FINGERS, HANDS, all_times, canonical, kept, scores
+from short_scores import note_of as note
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music import Note, Pedal, Score, load_score, read_midi, write_midi
-
-
-def note(onset, offset, pitch=60, **fields):
-    return Note(onset=onset, offset=offset, pitch=pitch, **fields)
 
 
 def round_trip(score, folder):

@@ -5,17 +5,14 @@ import pytest
 from hypothesis import given, settings
 from lxml import etree
 from random_scores import FINGERS, HANDS, all_times, canonical, kept, scores
+from short_scores import note_of as note
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import Note, Pedal, Score, load_score
+from sb3_piano.music import Pedal, Score, load_score
 from sb3_piano.music.formats import read_musicxml, write_musicxml
 
 HALF_A_TICK = 60 / 120 / 12000 / 2 + 1e-9
 A_128TH = 0.5 / 32 + 1e-9
-
-
-def note(onset, offset, pitch=60, **fields):
-    return Note(onset=onset, offset=offset, pitch=pitch, **fields)
 
 
 def round_trip(score, folder, **options):

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_scores import note_of as note
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score
-
-
-def note(onset, offset, pitch=60, **fields):
-    return Note(onset=onset, offset=offset, pitch=pitch, **fields)
 
 
 def three_notes(**fields):

@@ -226,19 +226,3 @@ def test_what_cannot_be_searched_is_refused():
             learner(venv).learn(5, callback=ActionSearchCallback(score="both"))
     finally:
         venv.close()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"candidates": 0}, "candidates"),
-        ({"score": "critic"}, "score"),
-        ({"choice": "best"}, "choice"),
-        ({"optimism": -1}, "optimism"),
-        ({"temperature": 0}, "temperature"),
-        ({"spread": -0.1}, "spread"),
-    ],
-)
-def test_arguments_out_of_range_are_refused(arguments, message):
-    with pytest.raises(ConfigError, match=message):
-        ActionSearchCallback(**arguments)

@@ -11,7 +11,6 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks import AveragedWeightsCallback
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.interrupts import stop_on_signal
 
 
@@ -76,9 +75,3 @@ def test_an_interrupted_training_keeps_its_last_weights(step, signaled, averaged
         model.learn(64, callback=[recorder, AveragedWeightsCallback(), _StopAt(step, signaled)])
     final = torch.cat([one.detach().flatten() for one in model.policy.parameters()]).numpy()
     assert np.array_equal(final, recorder.seen[-1]) is not averaged
-
-
-@pytest.mark.parametrize("decay", [1, -0.1, "much"])
-def test_a_decay_that_is_none_is_refused(decay):
-    with pytest.raises(ConfigError, match=f"decay is {decay!r}: expected"):
-        AveragedWeightsCallback(decay)

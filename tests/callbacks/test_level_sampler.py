@@ -181,18 +181,6 @@ class TestState:
         assert list(sampler.levels) == ["a"]
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"beta": 0}, "beta is 0: expected a finite number above 0"),
-        ({"rho": 1.5}, "rho is 1.5: expected a finite number from 0 to 1"),
-    ],
-)
-def test_settings_out_of_range_are_refused(settings, message):
-    with pytest.raises(ConfigError, match=message):
-        LevelSampler(["a"], **settings)
-
-
 @pytest.mark.parametrize("score", [-0.1, float("nan"), float("inf")])
 def test_a_score_that_is_none_is_refused(score):
     with pytest.raises(ConfigError, match=f"score is {score}: expected a finite number, 0 or more"):

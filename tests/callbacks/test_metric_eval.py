@@ -325,14 +325,3 @@ def test_an_episode_that_a_wrapper_around_the_monitor_ends_is_refused(model):
     env = TimeLimit(Monitor(with_f1(0.1)), 3)
     with pytest.raises(ConfigError, match="'ScriptedEnv' was ended by a wrapper around"):
         model.learn(5, F1Callback(env, eval_freq=5))
-
-
-# Settings.
-
-
-@pytest.mark.parametrize("name", ["n_eval_episodes", "stop_patience"])
-def test_settings_that_make_no_sense_are_refused(name):
-    with pytest.raises(ConfigError, match=f"{name} is 0: expected a whole number, 1 or more"):
-        F1Callback(**{name: 0})
-    with pytest.raises(ConfigError, match="MetricEvalCallback has no metric"):
-        MetricEvalCallback()

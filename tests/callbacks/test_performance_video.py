@@ -145,18 +145,6 @@ def test_only_pianos_are_filmed(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"max_seconds": 0.0}, "max_seconds is 0.0: expected a finite number above 0 s"),
-        ({"width": 641}, "width is 641: expected a whole number from 2 to 1920 pixels, even as"),
-    ],
-)
-def test_settings_that_make_no_sense_are_refused(settings, message):
-    with pytest.raises(ConfigError, match=message):
-        PerformanceVideoCallback(10, **settings)
-
-
 class Shaken(gym.ActionWrapper):
     """Add random numbers of the environment and of numpy's global generator to the actions."""
 

@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sb3_piano.envs import rewards
+from sb3_piano.envs import PianoEnv, rewards
+from sb3_piano.envs.strikes import OpenOnsets
+from sb3_piano.metrics import Onsets, match_onsets
+from sb3_piano.music import Note, PianoRoll, Score, load_score
+from sb3_piano.players import make_player
 
 
 def test_tolerance_equals_dm_controls():
@@ -30,3 +34,111 @@ def test_fingering_terms_where_nothing_is_due():
     nothing = np.zeros((0, 3))
     assert rewards.labelled_fingering([]) == 0.0
     assert rewards.optimal_transport_fingering(np.zeros((10, 3)), nothing) == 1.0
+
+
+# The reward term of strikes.
+
+
+def played(env, actions=None, steps=None):
+    """Play to the end, or some steps; return the strike terms, the rewards and the last info."""
+    terms, rewards, info = [], [], {}
+    for action in actions[:steps]:
+        _, reward, _, _, info = env.step(action)
+        terms.append(info["reward_terms"]["strike"])
+        rewards.append(reward)
+    return terms, rewards, info
+
+
+@pytest.fixture(scope="module")
+def twinkle():
+    """Six seconds of a piece, and actions that play it well but for some wild ones."""
+    options = {"reduced_action_space": False, "initial_buffer_time": 0.5, "physics": "fast"}
+    score = load_score("TwinkleTwinkle").excerpt(0, 6)
+    env = PianoEnv(score, fingering="robot", reward_weights={"strike": 0.5}, **options)
+    player = make_player("sight-reader", env)
+    observation, _ = env.reset(seed=0)
+    actions, state, random = [], None, np.random.default_rng(0)
+    for step in range(len(env.roll)):
+        action, state = player.predict(observation, state)
+        if step % 25 > 19:
+            action = random.uniform(-1, 1, action.shape)
+        actions.append(action)
+        observation = env.step(action)[0]
+    return env, actions
+
+
+def test_an_episode_sums_up_to_hits_less_the_other_strikes(twinkle):
+    env, actions = twinkle
+    env.reset(seed=0)
+    terms, _, info = played(env, actions)
+    performance, roll = env.performance, env.roll
+    target = Onsets(roll.onset_time, np.nonzero(roll.onset)[1])
+    strikes = Onsets(performance.strike_time, performance.presses.key)
+    hits = len(match_onsets(target, strikes))
+    assert 5 < hits < len(strikes.key)
+    assert sum(terms) == 2 * hits - len(strikes.key)
+    assert info["return_strike"] == 0.5 * sum(terms)
+    assert max(terms) > 0 > min(terms)
+
+
+def test_a_restored_state_knows_what_was_struck(twinkle):
+    env, actions = twinkle
+    env.reset(seed=0)
+    played(env, actions, 60)
+    state = env.get_state()
+    once = played(env, actions[60:])
+    env.reset(seed=0)
+    env.set_state(state)
+    again = played(env, actions[60:])
+    assert once[:2] == again[:2]
+    assert once[2]["return_strike"] == again[2]["return_strike"]
+
+
+def test_without_a_weight_it_is_told_and_earns_nothing(twinkle):
+    weighted, actions = twinkle
+    options = {"reduced_action_space": False, "initial_buffer_time": 0.5, "physics": "fast"}
+    plain = PianoEnv(weighted.default_score, fingering="robot", **options)
+    for env in (weighted, plain):
+        env.reset(seed=0)
+    terms, rewards, info = played(weighted, actions)
+    plain_terms, plain_rewards, plain_info = played(plain, actions)
+    assert terms == plain_terms
+    differences = np.subtract(rewards, plain_rewards)
+    np.testing.assert_allclose(differences, 0.5 * np.array(terms), atol=1e-12)
+    assert plain_info["return_strike"] == 0
+    onsets = np.count_nonzero(plain.roll.onset)
+    share, plain_share = (one["normalized_return"] for one in (info, plain_info))
+    highest = sum(plain_rewards) / plain_share
+    assert share == pytest.approx(sum(rewards) / (highest + 0.5 * onsets))
+
+
+class TestOpenOnsets:
+    def roll(self):
+        notes = [Note(onset=time, offset=time + 0.1, pitch=60) for time in (0.2, 0.5)]
+        return PianoRoll.from_score(Score(notes=notes, title="repeated"), 0.05)
+
+    @pytest.mark.parametrize(
+        ("strikes", "hits"),
+        [
+            ([0.15, 0.55], [True, True]),  # 50 ms early and late
+            ([0.149, 0.551], [False, False]),
+            ([0.2, 0.21], [True, False]),  # a note is hit once
+        ],
+    )
+    def test_a_strike_hits_an_open_note_within_the_tolerance(self, strikes, hits):
+        onsets = OpenOnsets(self.roll())
+        assert [onsets.hit(39, time) for time in strikes] == hits
+
+    def test_at_the_edge_of_the_tolerance_it_agrees_with_the_metric(self):
+        notes, key, hits = [Note(onset=0.48297, offset=0.9, pitch=60)], np.array([39]), []
+        roll = PianoRoll.from_score(Score(notes=notes, title="one"), 0.05)
+        ((_, _, onset),) = roll.strikes()
+        for distance in np.arange(499, 502, 0.1) / 10_000:
+            for time in (onset - distance, onset + distance):
+                pairs = match_onsets(Onsets(np.array([onset]), key), Onsets(np.array([time]), key))
+                hits.append(OpenOnsets(roll).hit(39, time))
+                assert hits[-1] == (len(pairs) == 1), distance
+        assert set(hits) == {True, False}
+
+    def test_another_key_is_never_hit(self):
+        assert not OpenOnsets(self.roll()).hit(40, 0.2)

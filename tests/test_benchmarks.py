@@ -1,0 +1,223 @@
+"""Benchmarks: of the planned pianist, of learning curves, and what experiments at scale take."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.metrics.losses import Losses
+from sb3_piano.music import load_score
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+
+
+DOCS = BENCHMARKS.parent / "docs"
+
+
+def load(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def table():
+    return load(BENCHMARKS / "planned_pianist.py")
+
+
+def row(table, piece, column, **values):
+    zeros = dict.fromkeys(table.FIELDS, "0.5")
+    return {**zeros, "piece": piece, "column": column, "problem": "", **values}
+
+
+def test_what_is_in_the_file_is_not_measured_again(table, tmp_path, monkeypatch):
+    path = tmp_path / "rows.csv"
+    table.append_row(path, row(table, "scale-CMajor", "planned", problem='two, "three"\n'))
+    table.append_row(path, row(table, "hanon-01", "zero"))
+    with path.open("a") as file:
+        file.write("hanon-02,zero,0.1")  # cut off in the middle
+    table.append_row(path, row(table, "hanon-03", "zero"))
+    known = table.read_rows(path)
+    assert [piece for piece, _ in known] == ["scale-CMajor", "hanon-01", "hanon-03"]
+    assert known["scale-CMajor", "planned"]["problem"] == 'two, "three"\n'
+    monkeypatch.setattr(table, "ProcessPoolExecutor", None)  # nothing is started
+    table.complete(path, known, jobs=1)
+    with pytest.raises(TypeError):
+        table.complete(path, [("hanon-02", "zero")], jobs=1)
+
+
+def test_a_file_keeps_the_headings_that_it_was_begun_with(table, tmp_path):
+    path = tmp_path / "older.csv"
+    path.write_text("piece,column,f1\nhanon-01,planned,0.9\n", encoding="utf-8")
+    table.append_row(path, row(table, "hanon-02", "planned", f1="0.8"))
+    rows = table.read_rows(path)
+    assert rows["hanon-02", "planned"] == {"piece": "hanon-02", "column": "planned", "f1": "0.8"}
+
+
+def test_losses_are_shares_of_the_frames_that_are_due(table, capsys):
+    due = {"all": {"sounding": 6, "never": 1, "early": 1}, "thumb": {"never": 1}}
+    shares = table.losses(Losses(due=due, wrong={"all": {"neighbour": 2}}))
+    assert shares["never"] == shares["early"] == "0.1250"
+    assert shares["neighbour"] == "0.2500"
+    assert shares["late"] == shares["other"] == "0.0000"
+    rows = [row(table, "repertoire-FurElise", "planned", **shares)]
+    old = {"piece": "repertoire-OdeToJoy", "column": "planned", "f1": "0.9", "onset_f1": "0.9"}
+    table.print_losses({(r["piece"], r["column"]): r for r in [*rows, old]}, ["planned"])
+    *_, line = capsys.readouterr().out.splitlines()
+    assert line.startswith("| FurElise | planned | **0.500** / 0.500 | 12.5 | 0.0 | 12.5 |")
+
+
+def test_means_are_over_pieces_that_all_columns_have(table, capsys):
+    rows = [
+        row(table, "repertoire-FurElise", "planned", f1="0.4", cpu="2"),
+        row(table, "repertoire-OdeToJoy", "planned", f1="0.8", cpu="4"),
+        row(table, "repertoire-FurElise", "zero", f1="0.1"),
+    ]
+    table.print_table({(r["piece"], r["column"]): r for r in rows}, ["planned", "zero"])
+    lines = capsys.readouterr().out.splitlines()
+    group = next(line for line in lines if line.startswith("| all of repertoire "))
+    assert "**0.600**" in group
+    assert "/ 3.0 |" in group
+    assert group.endswith("| - |")
+
+
+def test_the_table_of_the_page_is_that_of_the_file_beside_it(table, capsys):
+    rows = table.read_rows(DOCS / "planned_pianist.csv")
+    assert len({piece for piece, _ in rows}) == 99
+    page = (DOCS / "planned_pianist.md").read_text(encoding="utf-8").splitlines()
+    heading = next(line for line in page if line.startswith("| group |"))
+    columns = heading.strip("| ").split(" | ")[4:]
+    assert columns[:2] == ["planned", "sight-reader"]
+    table.print_table(rows, columns)
+    printed = capsys.readouterr().out.splitlines()
+    first = page.index(heading)
+    assert page[first : first + 9] == printed[-9:]
+    assert page[first + 8].startswith("| all pieces | 99 |")
+
+
+# What large experiments take is computed from named costs, and the page shows what comes out.
+
+
+@pytest.fixture(scope="module")
+def scale():
+    return load(DOCS / "building" / "scale.py")
+
+
+def test_the_table_of_the_page_is_what_the_script_computes(scale):
+    assert f"\n{scale.table()}\n" in (DOCS / "at_scale.md").read_text(encoding="utf-8")
+
+
+def test_jobs_run_in_waves_and_what_comes_after_has_no_more_cores_than_it_can_use(scale):
+    experiment = scale.Experiment("five", jobs=5, job=10.0, after=60.0, after_cores=2)
+    assert experiment.seconds(machines=1, cores=2) == 3 * 10 + 30
+    assert experiment.seconds(machines=2, cores=2) == 2 * 10 + 30
+    assert experiment.seconds(machines=100, cores=16) == 10 + 30
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(90, "2 min"), (2 * 3600, "2.0 h"), (40 * 3600, "40 h"), (50 * 3600, "2.1 days")],
+)
+def test_times_are_in_a_unit_that_suits_them(scale, seconds, words):
+    assert scale.in_words(seconds) == words
+
+
+# The benchmark of learning curves.
+
+
+learning = runpy.run_path(str(BENCHMARKS / "learning.py"))
+
+STUDY = {
+    "minutes": 0.002,
+    "every": 20,
+    "seeds": [0, 1],
+    "envs": ["RoboPianist-debug-CMajorScaleOneHand-v0"],
+    "variants": {
+        "strikes": {"settings": {"env_kwargs": {"reward_weights": {"strike": 0.5}}}},
+        "published": {"algo": "td3", "published": True},
+    },
+}
+
+
+@pytest.mark.parametrize(
+    "file", sorted((BENCHMARKS / "learning").glob("*.yml")), ids=lambda f: f.stem
+)
+def test_the_studies_of_the_repository_have_valid_settings(file, tmp_path):
+    study = learning["Study"].from_yaml(file, tmp_path)
+    for name, piece, seed in study.cells():
+        variant = study.variants[name]
+        if "{piece}" in (variant.player or ""):  # a run that a user makes first
+            with pytest.raises(ConfigError, match=f"clones/{piece.name}/cloned"):
+                variant.config(piece, seed)
+        else:
+            assert variant.config(piece, seed).seed == seed
+
+
+@pytest.mark.slow
+def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again(tmp_path, capsys):
+    file = tmp_path / "study.yml"
+    brief = {"envs": [], "pieces": ["TwinkleTwinkle"], "seconds": 1}
+    file.write_text(yaml.safe_dump({**STUDY, **brief}))
+    out = tmp_path / "out"
+    study = learning["Study"].from_yaml(file, out)
+    for name, piece, seed in study.cells():
+        made = learning["file_of"](out, name, piece, seed)
+        learning["run"](study.variants[name], piece, seed, study, made)
+        rows = [json.loads(line) for line in made.read_text().splitlines()]
+        assert [row["steps"] for row in rows] == sorted({row["steps"] for row in rows})
+        assert rows[0]["steps"] == 0 < rows[-1]["cpu_seconds"]
+        assert all(0 <= row[metric] <= 1 for row in rows for metric in ("f1", "onset_f1"))
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.jsonl")}
+    assert len(before) == 4
+    learning["main"]([str(file), "--out", str(out)])
+    assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.jsonl")}
+    printed = capsys.readouterr().out
+    assert "| strikes | TwinkleTwinkle | 2 |" in printed
+    assert (out / "curves.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_training_ends_after_the_steps_of_its_settings(tmp_path):
+    given = {"n_timesteps": 20, "learning_starts": 100}
+    variants = {"brief": {"settings": given}}
+    file = tmp_path / "study.yml"
+    file.write_text(yaml.safe_dump({**STUDY, "minutes": 0.1, "seeds": [0], "variants": variants}))
+    study = learning["Study"].from_yaml(file, tmp_path)
+    made = tmp_path / "rows.jsonl"
+    learning["run"](study.variants["brief"], study.pieces[0], 0, study, made)
+    last = json.loads(made.read_text().splitlines()[-1])
+    assert last["steps"] == 20
+
+
+def test_a_study_takes_the_first_seconds_of_its_pieces(tmp_path):
+    file = tmp_path / "study.yml"
+    file.write_text(yaml.safe_dump({**STUDY, "pieces": ["FurElise"], "seconds": 3}))
+    whole, piece = learning["Study"].from_yaml(file, tmp_path / "out").pieces
+    assert whole.env_id == STUDY["envs"][0]
+    score = load_score(piece.env_kwargs["score"])
+    assert piece.name == "FurElise"
+    assert score.duration == pytest.approx(3, abs=0.05)
+    assert [note.pitch for note in score.notes[:4]] == [
+        note.pitch for note in load_score("FurElise").notes[:4]
+    ]
+
+
+def test_evaluations_normalise_as_the_training_does(tmp_path):
+    settings = {"normalize": {"norm_reward": False}, "learning_starts": 10**6}
+    piece = learning["Piece"](env_id="RoboPianist-debug-CMajorScaleOneHand-v0")
+    config = learning["Variant"](settings=settings).config(piece, 0)
+    model = learning["build_model"](config, learning["build_vec_env"](config))
+    callback = learning["TimedEvaluation"](config, 10**6, 60.0, tmp_path / "rows.jsonl")
+    model.learn(30, callback=callback)
+    callback.evaluate()
+    learnt, used = model.get_vec_normalize_env().obs_rms, callback.venv.obs_rms
+    assert learnt.count == used.count == pytest.approx(31, abs=1)
+    np.testing.assert_array_equal(used.mean, learnt.mean)

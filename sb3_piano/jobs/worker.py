@@ -7,6 +7,7 @@ of the parent, also while a job's libraries are still being imported.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import pickle
@@ -37,6 +38,10 @@ def main(requests: int, answers: int) -> None:
         answer = _answer(todo.get())
         with contextlib.suppress(OSError):  # nobody is left to read it
             out.send_bytes(answer)
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)  # taking torch apart takes seconds, and nobody is left to wait for it
 
 
 def _listen(requests: Connection, todo: queue.SimpleQueue[bytes], ending: threading.Event) -> None:

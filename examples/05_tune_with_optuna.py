@@ -2,13 +2,20 @@
 
 from tempfile import mkdtemp
 
+from optuna.distributions import CategoricalDistribution
+
 from sb3_piano.training import load_entry
-from sb3_piano.tuning import Choice, Discount, Search, Space, StudyConfig, tune
+from sb3_piano.tuning import Search, Space, StudyConfig, tune
 
 # Far too few steps to learn anything: raise both for a real search, of which docs/tuning.md tells.
 STEPS, TRIALS = 60, 2
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
-SPACE = Space({"gamma": Discount(0.7, 0.95), "batch_size": Choice([64, 128])})
+SPACE = Space(
+    {
+        "gamma": {"discount": [0.7, 0.95]},  # as in YAML
+        "batch_size": CategoricalDistribution((64, 128)),  # Optuna's
+    }
+)
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """Searching hyperparameters with Optuna."""
 
 from sb3_piano.tuning.objective import Objective
-from sb3_piano.tuning.parameters import Choice, Discount, Float, Int, Parameter
+from sb3_piano.tuning.parameters import Parameter
 from sb3_piano.tuning.space import SPACES, Space, load_space
 from sb3_piano.tuning.study import (
     METRICS,
@@ -20,10 +20,6 @@ __all__ = [
     "PRUNERS",
     "SAMPLERS",
     "SPACES",
-    "Choice",
-    "Discount",
-    "Float",
-    "Int",
     "Objective",
     "Parameter",
     "Search",

@@ -19,6 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback, ConvertCallback
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.callbacks.metric_eval import MOST_PIECES
 from sb3_piano.exceptions import RunError, no_memory
+from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.training import RunConfig, RunFolder, entry_config, evaluate, train
 from sb3_piano.tuning import trials
 from sb3_piano.tuning.space import with_settings
@@ -54,19 +55,21 @@ class Objective:
             KeyboardInterrupt: If Ctrl-C or SIGTERM ended a training, or Ctrl-C an evaluation.
             Exception: Whatever a training or an evaluation raises, with the reason noted.
         """
-        started = time.monotonic()
-        note_place(trial, self.folder)
-        progress = _Progress(self.config, trial)
+        started, progress = time.monotonic(), _Progress(self.config, trial)
+        path = self.folder.trial_dir(trial.number)
+        trial.set_user_attr(trials.HOST, platform.node())
+        trial.set_user_attr(trials.FOLDER, str(path))
         try:
             entry = with_settings(self.config.entry, self.config.space.suggest(trial))
             config = entry_config(self.config.algo, self.config.env_id, entry)
-            callbacks = tuple(
-                plugin for plugin in config.callback if not plugin.is_a(MetricEvalCallback)
-            )
+            others = tuple(each for each in config.callback if not each.is_a(MetricEvalCallback))
             for seed in self.config.seeds:
-                run = dataclasses.replace(config, seed=seed, callback=callbacks)
-                self._train(run, self.folder.trial_dir(trial.number) / f"seed_{seed}", progress)
+                run = dataclasses.replace(config, seed=seed, callback=others)
+                self._train(run, path / f"seed_{seed}", progress)
         except optuna.TrialPruned:
+            raise
+        except KeyboardInterrupt:
+            trial.set_user_attr(trials.INTERRUPTED, True)
             raise
         except Exception as error:
             trial.set_user_attr(trials.FAILURE, reason_of(error))
@@ -85,11 +88,13 @@ class Objective:
             n_eval_episodes=None if episodes == 1 else episodes * min(n_pieces, MOST_PIECES),
             seed=self.config.eval_seed,
         )
-        callbacks: list[BaseCallback] = [judge]
-        if self.config.minutes is not None:
-            callbacks.append(_TimeLimit(60 * self.config.minutes / len(self.config.seeds)))
+        minutes = math.inf if self.config.minutes is None else self.config.minutes
         try:
-            result = train(config, path, callbacks=callbacks, progress_bar=False)
+            with stop_on_signal() as request:
+                limit = _Limit(60 * minutes / len(self.config.seeds), request)
+                result = train(config, path, callbacks=[limit, judge], progress_bar=False)
+        except _StoppedError:
+            raise KeyboardInterrupt from None
         finally:
             # The replay buffer would fill the disk; a trial is not resumed but run again.
             shutil.rmtree(RunFolder(path).checkpoint_dir, ignore_errors=True)
@@ -129,7 +134,7 @@ class _Progress:
         number = len(judge.evaluations_metrics)
         if number >= self.config.n_evaluations:
             return True  # the finished model is judged in its place
-        found = results_of({}, judge)[self._name]
+        found = _results_of({}, judge)[self._name]
         self._report([*self.values, found], number * self.config.interval)
         return not self.pruned
 
@@ -140,7 +145,7 @@ class _Progress:
             RunError: If that is no number.
             optuna.TrialPruned: If there are seeds left, but the trial is not to go on.
         """
-        found = results_of(last, judge)
+        found = _results_of(last, judge)
         if not math.isfinite(found[self._name]):
             raise RunError(f"{self._name} is {found[self._name]}: expected a number.")
         self.results.append(found)
@@ -163,28 +168,32 @@ class _Progress:
             self.trial.set_user_attr(name, mean)
 
 
-class _TimeLimit(BaseCallback):
-    """Ends the training after some seconds."""
+class _StoppedError(Exception):
+    """Ctrl-C or SIGTERM came: a training that is not resumed need not save anything."""
 
-    def __init__(self, seconds: float) -> None:
+
+class _Limit(BaseCallback):
+    """Ends the training after some seconds, and at once if that is requested."""
+
+    def __init__(self, seconds: float, request: StopRequest) -> None:
         super().__init__()
         self._seconds = seconds
+        self._request = request
         self._end = math.inf
 
     def _on_training_start(self) -> None:
         self._end = time.monotonic() + self._seconds
 
+    def _on_rollout_start(self) -> None:
+        if self._request.made:
+            raise _StoppedError
+
     def _on_step(self) -> bool:
+        self._on_rollout_start()
         return time.monotonic() < self._end
 
 
-def note_place(trial: BaseTrial, folder: StudyFolder) -> None:
-    """Note with a trial where it is run."""
-    trial.set_user_attr(trials.HOST, platform.node())
-    trial.set_user_attr(trials.FOLDER, str(folder.trial_dir(trial.number)))
-
-
-def results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
+def _results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
     """Return final and best value of each metric of a training, by the names of :data:`RESULTS`.
 
     ``last`` has the metrics of the model at its end; empty stands for those of the last evaluation.

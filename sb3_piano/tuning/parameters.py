@@ -1,16 +1,15 @@
-"""Parameters of a search space: a range or choices for one setting."""
+"""Parameters of a search space: Optuna's distributions, as YAML writes them."""
 
 from __future__ import annotations
 
 import copy
 import json
 import math
-import typing
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field, fields
+from dataclasses import dataclass
 from decimal import Decimal
-from typing import Any, ClassVar
+from typing import Any
 
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import BaseTrial
@@ -26,40 +25,65 @@ _FORMS = (
     "{float: [1.0e-4, 1.0e-3], log: true}, {int: [1, 10], step: 3}, {choice: [64, 128]}, "
     "{choice: {small: [64], large: [256, 256]}} or {discount: [0.6, 0.97]}"
 )
+_OPTIONS: Mapping[str, Mapping[str, Any]] = {
+    "float": {"log": bool, "step": float | None},
+    "int": {"log": bool, "step": int},
+    "discount": {},
+    "choice": {},
+}
+"""Options of each kind of parameter, and their types."""
 
 
+@dataclass(frozen=True)
 class Parameter:
-    """Values of one setting that may be searched."""
+    """A distribution of Optuna's, and what the values in the store stand for.
 
-    kind: ClassVar[str]
-    """Its name in YAML."""
+    The store holds a discount as its distance from 1, named "1 - gamma": a discount factor of 0.9
+    looks 10 steps ahead, one of 0.99 a hundred, and ranges are even in the logarithm of that. Of
+    choices it holds text, numbers and booleans as they are; for any other value the text that
+    stands for it in JSON, such as "[256, 256]", or the label that it has in a mapping.
+    """
 
-    @property
-    def distribution(self) -> Distribution:
-        """The same in Optuna's terms."""
-        raise NotImplementedError
+    form: Mapping[str, Any]
+    """The parameter in YAML's types; :func:`parse_parameter` gives it back."""
+    distribution: Distribution
+    """Optuna's distribution of the values in the store."""
+    choices: Mapping[Any, Any] | None = None
+    """The value of each choice in the store."""
 
     def stored_name(self, name: str) -> str:
         """Return the name in the store of the parameter of a setting."""
-        return name
+        return f"1 - {name}" if "discount" in self.form else name
 
     def value(self, stored: Any) -> Any:
         """Return the value of the setting for the value in the store."""
-        return stored
+        if self.choices is not None:
+            return copy.deepcopy(self.choices[stored])
+        if "discount" not in self.form:
+            return stored
+        low, high = self.form["discount"]
+        return min(max(_distance_from_1(stored), low), high)  # rounding may lead beyond
 
     def stored(self, value: Any) -> Any:
         """Return the value in the store for one, however written; ``None`` if not searched."""
-        raise NotImplementedError
+        of = self.distribution
+        if isinstance(of, CategoricalDistribution):
+            wanted, choices = _normal(value), self.choices or {}
+            return next((key for key, one in choices.items() if _normal(one) == wanted), None)
+        try:
+            number = coerce(value, int if isinstance(of, IntDistribution) else float, "")
+        except ConfigError:
+            return None
+        number = _distance_from_1(number) if "discount" in self.form else number
+        steps = (number - of.low) / (of.step or math.inf)
+        is_step = abs(steps - round(steps)) < 1e-8  # as Optuna compares
+        return number if of.low <= number <= of.high and is_step else None
 
     def extremes(self) -> list[Any]:
-        """Return the ends of a range, or all choices."""
+        """Return the values at the ends of a range, or all choices."""
         of = self.distribution
         ends = of.choices if isinstance(of, CategoricalDistribution) else (of.low, of.high)
         return [self.value(end) for end in ends]
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return the form in YAML; :func:`parse_parameter` gives the parameter back."""
-        raise NotImplementedError
 
     def suggest(self, trial: BaseTrial, name: str) -> Any:
         """Return the value of the setting ``name`` in a trial."""
@@ -70,213 +94,83 @@ class Parameter:
         return self.value(draw(name, of.low, of.high, log=of.log, step=of.step))
 
 
-@dataclass(frozen=True)
-class Float(Parameter):
-    """A number between two others; all may be given as text.
-
-    Raises:
-        ConfigError: If no range is left, or the options do not fit it.
-    """
-
-    kind: ClassVar[str] = "float"
-
-    low: float
-    """The least."""
-    high: float
-    """The greatest, above ``low``."""
-    _: KW_ONLY
-    log: bool = False
-    """Whether to search evenly in its logarithm; ``low`` is above 0 then."""
-    step: float | None = None
-    """Search only numbers that are a multiple of it above ``low``; ``high`` has to be one."""
-
-    def __post_init__(self) -> None:
-        types = typing.get_type_hints(type(self))
-        for option in fields(self):
-            value = coerce(getattr(self, option.name), types[option.name], option.name)
-            object.__setattr__(self, option.name, value)
-        try:
-            if not self.low < self.high:
-                raise ValueError("expected low below high; a fixed value goes into the config")
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")  # as Optuna says that it lowers the upper end
-                _ = self.distribution
-        except (ArithmeticError, UserWarning, ValueError) as error:
-            raise ConfigError(f"{self.to_plain()} is no range: {error}.") from error
-
-    @property
-    def distribution(self) -> FloatDistribution | IntDistribution:
-        """The range."""
-        return FloatDistribution(self.low, self.high, log=self.log, step=self.step)
-
-    def stored(self, value: Any) -> Any:
-        """Return the number, also from text; ``None`` if it is outside or between two steps."""
-        try:
-            number = coerce(value, type(self.low), "")
-        except ConfigError:
-            return None
-        steps = (number - self.low) / (self.step or math.inf)
-        is_step = abs(steps - round(steps)) < 1e-8  # as Optuna compares
-        return number if self.low <= number <= self.high and is_step else None
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return, for example, ``{"float": [0.0001, 0.003], "log": True}``."""
-        given = {option: getattr(self, option.name) for option in _options(type(self))}
-        options = {option.name: v for option, v in given.items() if v != option.default}
-        return {self.kind: [self.low, self.high], **options}
-
-
-@dataclass(frozen=True)
-class Int(Float):
-    """A whole number between two others; the options are those of :class:`Float`.
-
-    Raises:
-        ConfigError: If no range is left, or the options do not fit it.
-    """
-
-    kind: ClassVar[str] = "int"
-
-    low: int
-    high: int
-    _: KW_ONLY
-    step: int = 1
-
-    @property
-    def distribution(self) -> IntDistribution:
-        """The range."""
-        return IntDistribution(self.low, self.high, log=self.log, step=self.step)
-
-
-@dataclass(frozen=True)
-class Discount(Float):
-    """A number from 0 on and below 1, searched evenly in the logarithm of its distance from 1.
-
-    A discount factor of 0.9 looks 10 steps ahead, one of 0.99 a hundred: ``1 / (1 - gamma)``. The
-    store holds that distance, named "1 - gamma".
-
-    Raises:
-        ConfigError: If no range is left within [0, 1).
-    """
-
-    kind: ClassVar[str] = "discount"
-
-    log: bool = field(default=True, init=False)
-    step: None = field(default=None, init=False)
-
-    @property
-    def distribution(self) -> FloatDistribution:
-        """The distances from 1."""
-        if self.low < 0 or self.high >= 1:
-            raise ValueError("expected numbers from 0 on, less than 1")
-        return FloatDistribution(_distance_from_1(self.high), _distance_from_1(self.low), log=True)
-
-    def stored_name(self, name: str) -> str:
-        """Return, for example, "1 - gamma"."""
-        return f"1 - {name}"
-
-    def value(self, stored: Any) -> float:
-        """Return the number that is this far from 1."""
-        return min(max(_distance_from_1(stored), self.low), self.high)  # rounding may lead beyond
-
-    def stored(self, value: Any) -> float | None:
-        """Return the distance from 1 of a number, also from text; ``None`` if it is outside."""
-        number = super().stored(value)
-        return None if number is None else _distance_from_1(number)
-
-
-@dataclass(frozen=True)
-class Choice(Parameter):
-    """One of several values.
-
-    The store holds text, numbers and booleans as they are; for any other value the text that
-    stands for it in JSON, such as "[256, 256]", or the label that it has in a mapping.
-
-    Raises:
-        ConfigError: If there are not two or more values, or two of them are the same there.
-    """
-
-    kind: ClassVar[str] = "choice"
-
-    choices: Sequence[Any] | Mapping[str, Any]
-    """The values, or labels and values; in YAML's types."""
-
-    def __post_init__(self) -> None:
-        if isinstance(self.choices, str) or not isinstance(self.choices, (Sequence, Mapping)):
-            raise ConfigError(
-                f"choice is {self.choices!r}: expected a list of values, or a mapping from labels "
-                "to values."
-            )
-        values = plain(self.choices, "choice")
-        object.__setattr__(self, "choices", values if isinstance(values, dict) else tuple(values))
-        if len(self.choices) < 2 or len(self._by_stored) < len(self.choices):
-            raise ConfigError(
-                f"choice is {values!r}: expected two values or more, each once and with a text of "
-                "its own in the store, for which a mapping gives labels; a fixed value goes into "
-                "the config."
-            )
-
-    @property
-    def _by_stored(self) -> dict[Any, Any]:
-        if isinstance(self.choices, Mapping):
-            return dict(self.choices)
-        scalar = str | bool | int | float
-        return {v if isinstance(v, scalar) else json.dumps(v): v for v in self.choices}
-
-    @property
-    def distribution(self) -> CategoricalDistribution:
-        """The values in the store."""
-        return CategoricalDistribution(tuple(self._by_stored))
-
-    def value(self, stored: Any) -> Any:
-        """Return a copy of the value for the one in the store."""
-        return copy.deepcopy(self._by_stored[stored])
-
-    def stored(self, value: Any) -> Any:
-        """Return the value in the store for a value, however it is written."""
-        wanted = _normal(value)
-        found = (stored for stored, one in self._by_stored.items() if _normal(one) == wanted)
-        return next(found, None)
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return, for example, ``{"choice": [64, 128]}``."""
-        return {self.kind: plain(self.choices, "choice")}
-
-
-_KINDS: Mapping[str, type[Float | Choice]] = {
-    kind.kind: kind for kind in (Float, Int, Choice, Discount)
-}
-
-
 def parse_parameter(name: str, value: Any) -> Parameter:
-    """Return the parameter of a setting that YAML describes.
+    """Return the parameter of a setting: a distribution of Optuna's, or what YAML says of one.
 
-    That is ``{<kind>: [low, high]}`` with the kind "float", "int" or "discount", or
-    ``{"choice": values}``; beside it the options of the kind.
+    That is ``{<kind>: [low, high]}`` with the kind "float", "int" or "discount", beside it the
+    options of the kind, or ``{"choice": values}``, a list or a mapping from labels to values.
 
     Raises:
-        ConfigError: If it is nothing like that, or the parameter is not valid.
+        ConfigError: If it is nothing like that, or the range or the choices are not valid.
     """
     if isinstance(value, Parameter):
         return value
-    options = dict(value) if isinstance(value, Mapping) else {}
-    found = [kind for kind in _KINDS if kind in options]
+    form = _form_of(value) if isinstance(value, Distribution) else value
+    options = dict(form) if isinstance(form, Mapping) else {}
+    found = [kind for kind in _OPTIONS if kind in options]
     try:
         if len(found) != 1:
-            suggestion = "" if found else near_names(str(next(iter(options), "")), _KINDS)
+            suggestion = "" if found else near_names(str(next(iter(options), "")), _OPTIONS)
             raise ConfigError(f"{value!r} cannot be searched.{suggestion} Expected {_FORMS}.")
-        kind, given = _KINDS[found[0]], options.pop(found[0])
-        refuse_unknown(options, [o.name for o in _options(kind)] or ["none"], "option", found[0])
-        if issubclass(kind, Choice):
-            return kind(given)
-        if not isinstance(given, (list, tuple)) or len(given) != 2:
-            raise ConfigError(f"{found[0]} is {given!r}: expected [low, high].")
-        return kind(*given, **options)
+        kind, given = found[0], options.pop(found[0])
+        refuse_unknown(options, _OPTIONS[kind] or ["none"], "option", kind)
+        return _choice(given) if kind == "choice" else _range(kind, given, options)
     except ConfigError as error:
         raise ConfigError(f"Search space: {name!r}: {error}") from error
 
 
-def _options(kind: type[Float | Choice]) -> list[Any]:
-    return [option for option in fields(kind) if option.kw_only]
+def _form_of(distribution: Distribution) -> dict[str, Any]:
+    if isinstance(distribution, CategoricalDistribution):
+        return {"choice": list(distribution.choices)}
+    kind = "int" if isinstance(distribution, IntDistribution) else "float"
+    ends = [distribution.low, distribution.high]
+    return {kind: ends, "log": distribution.log, "step": distribution.step}
+
+
+def _range(kind: str, ends: Any, options: Mapping[str, Any]) -> Parameter:
+    if not isinstance(ends, (list, tuple)) or len(ends) != 2:
+        raise ConfigError(f"{kind} is {ends!r}: expected [low, high].")
+    number = int if kind == "int" else float
+    low, high = (coerce(end, number, of) for end, of in zip(ends, ("low", "high"), strict=True))
+    read = {name: coerce(value, _OPTIONS[kind][name], name) for name, value in options.items()}
+    defaults = (("log", False), ("step", 1 if kind == "int" else None))
+    form = {kind: [low, high], **{n: v for n, v in read.items() if (n, v) not in defaults}}
+    try:
+        if not low < high:
+            raise ValueError("expected low below high; a fixed value goes into the config")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # as Optuna says that it lowers the upper end
+            return Parameter(form, _distribution(kind, low, high, read))
+    except (ArithmeticError, UserWarning, ValueError) as error:
+        raise ConfigError(f"{form} is no range: {error}.") from error
+
+
+def _distribution(kind: str, low: Any, high: Any, options: Mapping[str, Any]) -> Distribution:
+    if kind == "int":
+        return IntDistribution(low, high, **options)
+    if kind == "float":
+        return FloatDistribution(low, high, **options)
+    if low < 0 or high >= 1:
+        raise ValueError("expected numbers from 0 on, less than 1")
+    return FloatDistribution(_distance_from_1(high), _distance_from_1(low), log=True)
+
+
+def _choice(given: Any) -> Parameter:
+    if isinstance(given, str) or not isinstance(given, (Sequence, Mapping)):
+        raise ConfigError(
+            f"choice is {given!r}: expected a list of values, or a mapping from labels to values."
+        )
+    values = plain(given, "choice")
+    scalar = str | bool | int | float
+    listed = {} if isinstance(values, dict) else values
+    by_stored = {v if isinstance(v, scalar) else json.dumps(v): v for v in listed} or values
+    if len(values) < 2 or len(by_stored) < len(values):
+        raise ConfigError(
+            f"choice is {values!r}: expected two values or more, each once and with a text of its "
+            "own in the store, for which a mapping gives labels; a fixed value goes into the "
+            "config."
+        )
+    return Parameter({"choice": values}, CategoricalDistribution(tuple(by_stored)), by_stored)
 
 
 def _distance_from_1(number: float) -> float:

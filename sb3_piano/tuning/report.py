@@ -176,15 +176,15 @@ def study_figures(study: optuna.Study, label: str) -> dict[str, Any]:
     one for each parameter that complete trials have, the most important one first. ``label`` is
     what a value is called.
     """
-    complete = trials.complete_trials(study)
+    every, complete = study.get_trials(deepcopy=False), trials.best_first(study)
     searched = sorted({name for trial in complete for name in trial.params})
     shares = importances(study)
     slices = sorted(searched, key=lambda name: (-shares.get(name, 0.0), name))
     return {
         "history": _history(study, label) if complete else None,
         "importance": _importance(study, shares) if shares else None,
-        "reports": _reports(study, label),
-        "timeline": _timeline(study) if study.get_trials(deepcopy=False) else None,
+        "reports": _reports(study, label) if any(t.intermediate_values for t in every) else None,
+        "timeline": _timeline(study, len(every)) if every else None,
         "parallel": _parallel(study, label, len(searched)) if searched else None,
         "slices": {name: _slice(study, label, name) for name in slices},
     }
@@ -196,7 +196,7 @@ def importances(study: optuna.Study) -> dict[str, float]:
     They are those of Optuna's PED-ANOVA evaluator, which does not draw random numbers; they sum up
     to 1. Without two different values there are none.
     """
-    if len({trial.value for trial in trials.complete_trials(study)}) < 2:
+    if len({trial.value for trial in trials.best_first(study)}) < 2:
         return {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of few trials, which the page says too
@@ -228,11 +228,9 @@ def _importance(study: optuna.Study, shares: dict[str, float]) -> go.Figure:
     return figure.update_yaxes(title=None, showgrid=False)
 
 
-def _reports(study: optuna.Study, label: str) -> go.Figure | None:
-    """Return what trials reported while they ran; ``None`` if nothing."""
+def _reports(study: optuna.Study, label: str) -> go.Figure:
+    """Return what trials reported while they ran."""
     figure = visualization.plot_intermediate_values(study)
-    if not figure.data:
-        return None
     pruned = study.get_trials(deepcopy=False, states=(TrialState.PRUNED,))
     names = {f"Trial{trial.number}" for trial in pruned}
     for trace in figure.data:
@@ -269,14 +267,13 @@ def _slice(study: optuna.Study, label: str, name: str) -> go.Figure:
     return figure
 
 
-def _timeline(study: optuna.Study) -> go.Figure:
+def _timeline(study: optuna.Study, n_trials: int) -> go.Figure:
     """Return when each trial ran, by its state."""
     figure = visualization.plot_timeline(study)
     for trace in figure.data:
         state = TrialState[trace.name]
         trace.update(name=STATES[state], marker={"color": _STATE_COLORS[state]})
-    height = max(220, 90 + 9 * len(study.get_trials(deepcopy=False)))
-    figure.update_layout(height=height, showlegend=True)
+    figure.update_layout(height=max(220, 90 + 9 * n_trials), showlegend=True)
     # Labels of times that widened a margin could change the ticks, and these the labels, in turn.
     figure.update_xaxes(title=None, automargin="height")
     return figure.update_yaxes(title_text="trial", showgrid=False)

@@ -120,7 +120,7 @@ class Space(Mapping[str, Parameter]):
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the space in YAML's and JSON's types, of which it can be made again."""
-        return {name: parameter.to_plain() for name, parameter in self.items()}
+        return {name: dict(parameter.form) for name, parameter in self.items()}
 
 
 def _unsuitable(name: Any) -> str | None:

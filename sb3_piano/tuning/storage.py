@@ -8,15 +8,14 @@ import os
 import random
 import time
 import warnings
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import optuna
 import sqlalchemy
 from optuna.exceptions import DuplicatedStudyError, ExperimentalWarning, StorageInternalError
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
-from optuna.storages.journal import JournalFileBackend
+from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 from optuna.study import StudyDirection
 from optuna.trial import TrialState
 from sqlalchemy.exc import (
@@ -29,9 +28,11 @@ from sqlalchemy.exc import (
 
 from sb3_piano.exceptions import ConfigError, RunError, install_command, near_names
 from sb3_piano.files import read_file
+from sb3_piano.jobs.folders import check_same
 from sb3_piano.links import check_inside, make_folder
+from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
-from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, retry_callback
+from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, retry
 
 HEARTBEAT_INTERVAL = 60
 """Seconds between two signs of life of a trial in a database."""
@@ -39,17 +40,21 @@ GRACE_PERIOD = 120
 """Seconds since the last one after which its process counts as gone."""
 CONNECT_TIMEOUT = 10
 """Seconds after which a host that does not answer counts as unreachable."""
+PATIENCE = 60.0
+"""Seconds for which a database may be away before who needs it gives up."""
 
 _MOST_BYTES = 2**30
 """Most bytes of a journal."""
 
 _EXAMPLE = "postgresql+psycopg://user@host/name"
 _IDENTITY = "identity"
+_DEFAULT = Search()
 _PATIENCE_SECONDS = 5.0
 
 
-def open_storage(url: str | None, folder: StudyFolder) -> BaseStorage:
-    """Return the store of studies: a database, whose tables are made if need be, or the journal.
+@contextlib.contextmanager
+def opened_store(url: str | None, folder: StudyFolder) -> Iterator[BaseStorage]:
+    """Give the store of studies: a database, whose tables are made if need be, or the journal.
 
     Without a URL, in SQLAlchemy's form, it is the journal in the study's folder, which is made for
     it. No message shows the URL's password.
@@ -58,25 +63,50 @@ def open_storage(url: str | None, folder: StudyFolder) -> BaseStorage:
         ConfigError: If the URL is not valid here.
         RunError: If the database or the journal cannot be used.
     """
-    return _open_journal(folder.journal_file) if url is None else _open_database(_parsed(url))
+    if url is None:
+        yield _open_journal(folder)
+        return
+    store = _open_database(_parsed(url))
+    try:
+        yield store
+    finally:
+        store.remove_session()
+        store.engine.dispose()
 
 
 # The journal.
 
 
-def mend_journal(folder: StudyFolder) -> None:
-    """Remove what a killed process may have left of its writing: half a line, and Optuna's lock.
+class _JournalLock(JournalFileOpenLock):
+    """A lock that is free when its process dies; whoever holds it alone writes into the journal.
 
-    The study must be owned by this process, which alone writes into the journal.
+    Half a line that a killed process has left is removed.
     """
+
+    def __init__(self, folder: StudyFolder):
+        super().__init__(str(folder.journal_file))
+        self._file = folder.journal_file
+        self._lock_path = folder.workers_dir / f"journal{LOCK_SUFFIX}"
+        self._held = contextlib.ExitStack()
+
+    def acquire(self) -> bool:
+        """Wait for the lock, and mend the journal."""
+        self._held.enter_context(hold(self._lock_path))
+        with self._file.open("r+b") as journal:
+            end = journal.seek(0, os.SEEK_END)
+            journal.seek(max(end - 1, 0))
+            if journal.read(1) not in (b"\n", b""):
+                journal.seek(0)
+                journal.truncate(journal.read().rfind(b"\n") + 1)
+        return True
+
+    def release(self) -> None:
+        """Let others write."""
+        self._held.close()
+
+
+def _open_journal(folder: StudyFolder) -> JournalStorage:
     file = folder.journal_file
-    file.with_name(f"{file.name}.lock").unlink(missing_ok=True)
-    if file.is_file():
-        with file.open("r+b") as journal:
-            journal.truncate(journal.read().rfind(b"\n") + 1)
-
-
-def _open_journal(file: Path) -> JournalStorage:
     try:
         make_folder(file.parent)
         check_inside(file)
@@ -85,7 +115,7 @@ def _open_journal(file: Path) -> JournalStorage:
             # yet is being written.
             for line in read_file(file, _MOST_BYTES).split(b"\n")[:-1]:
                 json.loads(line)
-        return JournalStorage(JournalFileBackend(os.path.realpath(file)))
+        return JournalStorage(JournalFileBackend(os.path.realpath(file), _JournalLock(folder)))
     except OSError as error:
         raise RunError(
             f"'{file}' cannot be read and written: {error.strerror}. Expected a place in which "
@@ -109,36 +139,52 @@ def _open_database(url: sqlalchemy.URL, attempts: int = 5) -> RDBStorage:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
-            return RDBStorage(
+            store = RDBStorage(
                 whole.replace("{", "{{").replace("}", "}}"),  # Optuna formats it
                 engine_kwargs={"pool_pre_ping": True, "connect_args": timeout},
                 heartbeat_interval=HEARTBEAT_INTERVAL,
                 grace_period=GRACE_PERIOD,
-                heartbeat_stale_trial_callback=retry_callback(),
+                heartbeat_stale_trial_callback=retry,
             )
     except (ImportError, RuntimeError, SQLAlchemyError, StorageInternalError) as error:
         # Several processes may make its tables at once.
         if attempts == 1 or not isinstance(error, (IntegrityError, ProgrammingError)):
             raise _refusal(error, url) from error
-    time.sleep(random.random())
-    return _open_database(url, attempts - 1)
+        time.sleep(random.random())
+        return _open_database(url, attempts - 1)
+    sqlalchemy.event.listen(store.engine, "do_connect", _connect_patiently)
+    return store
+
+
+def _connect_patiently(
+    dialect: Any, record: object, arguments: list[Any], options: dict[str, Any]
+) -> Any:
+    """Connect anew to a server that was there before, and may be away for a while."""
+    del record
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return dialect.connect(*arguments, **options)
+        except dialect.loaded_dbapi.OperationalError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(1)
 
 
 def _refusal(error: Exception, url: sqlalchemy.URL) -> ConfigError | RunError:
     """Return what to say of a database that cannot be used."""
-    name, shown = url.drivername, _shown(url)
+    shown = _shown(url)
     match error:
         case NoSuchModuleError():
-            suggestion = near_names(name, ["postgresql+psycopg", "mysql+pymysql"])
+            near = near_names(url.drivername, ["postgresql+psycopg", "mysql+pymysql"])
             return ConfigError(
-                f"storage: unknown database {name!r}.{suggestion} Expected one like '{_EXAMPLE}'."
+                f"storage: unknown database {url.drivername!r}.{near} Expected one like {_EXAMPLE}."
             )
         case ImportError():
-            driver = getattr(error.__cause__, "name", None) or name
+            driver = getattr(error.__cause__, "name", None) or url.drivername
             install = f"pip install {driver}"
             if url.get_backend_name() == "postgresql":
-                url_of_it = "the URL postgresql+psycopg://..."
-                install = f"{url_of_it} and {install_command('postgresql')}"
+                install = f"the URL {_EXAMPLE} and {install_command('postgresql')}"
             return ConfigError(
                 f"storage: '{shown}' needs the Python package {driver!r}, which is not installed. "
                 f"Expected: {install}"
@@ -174,13 +220,13 @@ def _parsed(url: str) -> sqlalchemy.URL:
         # The cause would show a part of it, which may be that of a password.
         shown = "the storage" if "@" in url or "?" in url else f"storage {url!r}"
         raise ConfigError(
-            f"{shown} is no URL of a database: expected one like '{_EXAMPLE}', with special "
+            f"{shown} is no URL of a database: expected one like {_EXAMPLE}, with special "
             "characters of a password written as %40 and so on."
         ) from None
     if parsed.get_backend_name() == "sqlite":
         raise ConfigError(
             "storage is an SQLite file, which is not for several machines at once: expected no "
-            f"storage, for the journal in the study's folder, or a server like '{_EXAMPLE}'."
+            f"storage, for the journal in the study's folder, or a server like {_EXAMPLE}."
         )
     return parsed
 
@@ -194,18 +240,15 @@ def _shown(url: sqlalchemy.URL) -> str:
 
 
 def open_study(
-    config: StudyConfig,
-    storage: BaseStorage,
-    *,
-    name: str,
-    search: Search = Search(),  # noqa: B008 - frozen
+    config: StudyConfig, storage: BaseStorage, *, name: str, search: Search = _DEFAULT
 ) -> optuna.Study:
     """Return a study, which is made if need be; its sampler is left to the caller.
 
     The first trial of a new one waits with the settings from which it departs.
 
     Raises:
-        ConfigError: If there is another study of that name.
+        ConfigError: If another program made it.
+        RunError: If it has other settings.
     """
     options: Any = {"study_name": name, "storage": storage, "pruner": make_pruner(search, config)}
     if name not in optuna.get_all_study_names(storage):
@@ -214,7 +257,7 @@ def open_study(
             _fill(study, config)
             return study
     study = optuna.load_study(**options)
-    _check(study, config)
+    check_same(_identity(study, config), config.identity(), f"Study {name!r}")
     return study
 
 
@@ -234,54 +277,21 @@ def _fill(study: optuna.Study, config: StudyConfig) -> None:
     study.set_user_attr(_IDENTITY, config.identity())
 
 
-def _check(study: optuna.Study, config: StudyConfig) -> None:
-    """Refuse a study that is another one than the settings say."""
-    name = study.study_name
-    if study.directions != [StudyDirection.MAXIMIZE]:
-        directions = " and ".join(direction.name.lower() for direction in study.directions)
-        raise ConfigError(
-            f"Study {name!r} is to {directions} something: another program made it. Expected a "
-            "study of 'sb3-piano tune'; give yours another name with --name."
-        )
-    there, here = _flat(_identity(study, config)), _flat(config.identity())
-    differences = [
-        f"{key.removeprefix('entry.')} is {_text(there, key)} there, {_text(here, key)} here"
-        for key in {**there, **here}
-        if (key in there, there.get(key)) != (key in here, here.get(key))
-    ]
-    if differences:
-        raise ConfigError(
-            f"Study {name!r} has other settings: {'; '.join(differences)}. Give the study another "
-            "name with --name, or the same settings."
-        )
-
-
 def _identity(study: optuna.Study, config: StudyConfig) -> dict[str, Any]:
     """Return what a study is; one that is just being made will have it soon.
 
     If its maker is gone before anything was run, it is made to an end here.
     """
     end = time.monotonic() + _PATIENCE_SECONDS
+    ours = study.directions == [StudyDirection.MAXIMIZE]
     while _IDENTITY not in study.user_attrs:
-        if time.monotonic() > end:
-            if any(t.state is not TrialState.WAITING for t in study.get_trials(deepcopy=False)):
+        if time.monotonic() > end or not ours:
+            begun = any(trial.state is not TrialState.WAITING for trial in study.get_trials())
+            if begun or not ours:
                 raise ConfigError(
-                    f"Study {study.study_name!r} does not say what it is: another program made "
-                    "it. Give the study another name with --name."
+                    f"Study {study.study_name!r} is another program's: expected one of 'sb3-piano "
+                    "tune'; give yours another name with --name."
                 )
             _fill(study, config)
         time.sleep(0.1)
     return study.user_attrs[_IDENTITY]
-
-
-def _flat(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the values of nested mappings by their paths."""
-    flat: dict[str, Any] = {}
-    for key, value in mapping.items():
-        nested = isinstance(value, Mapping) and value
-        flat |= _flat(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
-    return flat
-
-
-def _text(flat: Mapping[str, Any], key: str) -> str:
-    return json.dumps(flat[key]) if key in flat else "not set"

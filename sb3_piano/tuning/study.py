@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from optuna.exceptions import ExperimentalWarning
 from optuna.pruners import (
     BasePruner,
@@ -155,9 +156,11 @@ class Search:
     """Seed of the sampler. Only with one worker are its choices the same each time."""
 
 
-def make_sampler(search: Search) -> BaseSampler:
-    """Return a study's sampler."""
-    seed, startup = search.seed, search.startup_trials
+def make_sampler(search: Search, number: int = 0) -> BaseSampler:
+    """Return the sampler of a trial, which has a seed of its own, whoever runs it."""
+    startup, seed = search.startup_trials, search.seed
+    if seed is not None:
+        seed = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         match search.sampler:
@@ -179,14 +182,11 @@ def make_sampler(search: Search) -> BaseSampler:
 
 
 def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
-    """Return a study's pruner.
+    """Return a study's pruner, whose steps are environment steps of all trainings of a trial.
 
-    Its steps are environment steps, counted on through the trainings of a trial. Music metrics are
-    noisy while a model learns, so the pruners are patient: the first evaluation that may end a
-    trial is the second one, as off-policy algorithms have played at random for a good part of the
-    first. Hyperband alone shares the trials out among brackets that differ in this: the first of
-    them may end a trial at its first evaluation. If a training is evaluated only once it is over,
-    that evaluation counts.
+    Music metrics are noisy while a model learns, and off-policy algorithms play at random for a
+    good part of the first evaluation: the first one that may end a trial is the second, or the only
+    one. Hyperband's brackets differ in this: the first of them may end a trial at once.
     """
     steps = config.config.n_timesteps
     warmup = min(2 * config.interval, steps)
@@ -196,34 +196,26 @@ def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
         case "halving":  # Optuna's own factor, 4, would end most trials by one noisy evaluation
             return SuccessiveHalvingPruner(min_resource=warmup, reduction_factor=2)
         case "hyperband":
-            most = steps * len(config.seeds)
-            return HyperbandPruner(
-                min_resource=config.interval, max_resource=most, reduction_factor=3
-            )
+            return HyperbandPruner(config.interval, steps * len(config.seeds), reduction_factor=3)
     return NopPruner()
 
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """A study's folder.
-
-    =================== ==========================================================================
-    ``journal.log``     Optuna's journal, the store of the study unless it is in a database
-    ``best.yml``        the best settings, for ``sb3-piano train --config`` and for RL Zoo
-    ``report.html``     history, importance and more in one page that needs no network
-    ``trials.csv``      a row for each trial
-    ``trials/<n>/``     the runs of trial n, one for each seed: ``seed_<seed>``
-    ``workers/``        a ``<name>.log`` with what each worker process printed
-    =================== ==========================================================================
-    """
+    """A study's folder; the runs of trial n are in ``trials/<n>/seed_<seed>``."""
 
     path: Path
 
     journal_file = Place("journal.log")
+    """Optuna's journal, the store of the study unless it is in a database."""
     best_file = Place("best.yml")
+    """The best settings, for ``sb3-piano train --config`` and for RL Zoo."""
     report_file = Place("report.html")
+    """History, importance and more in one page that needs no network."""
     table_file = Place("trials.csv")
+    """A row for each trial."""
     workers_dir = Place("workers")
+    """A ``<name>.log`` with what each worker process printed."""
 
     def trial_dir(self, number: int) -> Path:
         """Return where the runs of a trial are."""

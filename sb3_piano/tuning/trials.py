@@ -1,4 +1,4 @@
-"""Trials of a study in its store: what is noted with them, which count, and which are run again."""
+"""Trials in a study's store: what is noted with them, which count, and which are run again."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
 import optuna
-from optuna.exceptions import ExperimentalWarning
+from optuna.exceptions import ExperimentalWarning, UpdateFinishedTrialError
 from optuna.storages import RetryHeartbeatStaleTrialCallback
 from optuna.trial import FrozenTrial, TrialState
 
@@ -26,7 +26,7 @@ HOST = "host"
 FOLDER = "folder"
 """Its runs, on that machine."""
 OWNER = "owner"
-"""The machine whose command asked for it, and the study's folder there."""
+"""The machine whose command asked for it, the study's folder there, and the name of the job."""
 ORIGIN = "origin"
 """Source of its settings, if the sampler did not choose them."""
 FAILURE = "failure"
@@ -51,29 +51,45 @@ MAX_RETRIES = 3
 """Number of times that the settings of a trial are queued again because its process was gone."""
 
 
-def retry_callback(max_retry: int = MAX_RETRIES) -> RetryHeartbeatStaleTrialCallback:
-    """Return Optuna's function that queues the settings of a failed trial again."""
+def retry(study: optuna.Study, trial: FrozenTrial) -> None:
+    """Queue the settings of a failed trial again whose process was gone, at most some times.
+
+    Interruptions are no retries. Of what is noted with the trial only the origin stays.
+    """
+    history, trials = (*_history(trial), trial.number), study.get_trials(deepcopy=False)
+    interruptions = sum(INTERRUPTED in trials[number].user_attrs for number in history)
+    trial.user_attrs = {name: v for name, v in trial.user_attrs.items() if name == ORIGIN}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
-        return RetryHeartbeatStaleTrialCallback(max_retry=max_retry)
+        RetryHeartbeatStaleTrialCallback(MAX_RETRIES + interruptions)(study, trial)
 
 
-def requeue_lost(study: optuna.Study, is_ours: Callable[[FrozenTrial], bool]) -> None:
-    """Queue the settings again of failed trials that note no failure: their process was gone.
+def requeue_lost(study: optuna.Study, is_lost: Callable[[FrozenTrial], bool]) -> None:
+    """Fail the running trials that are lost, and queue again all that failed without a reason.
 
-    They are queued once for each such trial, however often this is called, and at most
-    :data:`MAX_RETRIES` times; interruptions do not count. Only trials are looked at of which
-    ``is_ours`` says that nobody else looks after them.
+    Each is queued once, however often this is called. ``is_lost`` says of a trial that runs, or
+    ended without a reason, that this process has to look after it.
     """
     trials = study.get_trials()
     again = _retried(trials)
     for trial in trials:
-        lost = _failed(trial) and FAILURE not in trial.user_attrs
-        if lost and trial.number not in again and is_ours(trial):
-            history = (*_history(trial), trial.number)
-            interruptions = sum(INTERRUPTED in trials[number].user_attrs for number in history)
-            trial.user_attrs = {k: v for k, v in trial.user_attrs.items() if k == ORIGIN}
-            retry_callback(MAX_RETRIES + interruptions)(study, trial)
+        is_silent = _failed(trial) and FAILURE not in trial.user_attrs
+        running = trial.state is TrialState.RUNNING
+        if trial.number in again or not (running or is_silent) or not is_lost(trial):
+            continue
+        if running:
+            try:
+                study.tell(trial.number, state=TrialState.FAIL)
+            except (ValueError, UpdateFinishedTrialError):  # it has just ended
+                continue
+        retry(study, trial)
+
+
+def counting(study: optuna.Study) -> list[FrozenTrial]:
+    """Return the trials that count, also those that wait or run."""
+    trials = study.get_trials(deepcopy=False)
+    without = repeated(trials)
+    return [trial for trial in trials if trial.number not in without]
 
 
 def repeated(trials: Iterable[FrozenTrial]) -> set[int]:
@@ -87,16 +103,10 @@ def repeated(trials: Iterable[FrozenTrial]) -> set[int]:
     return stopped | _retried(trials)
 
 
-def counting(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that count, also those that wait or run."""
-    trials = study.get_trials(deepcopy=False)
-    without = repeated(trials)
-    return [trial for trial in trials if trial.number not in without]
-
-
 def best_first(study: optuna.Study) -> list[FrozenTrial]:
     """Return the complete trials, the one with the highest value first, the first of equals."""
-    return sorted(complete_trials(study), key=_value, reverse=True)
+    complete = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    return sorted(complete, key=_value, reverse=True)
 
 
 def best_trial(study: optuna.Study) -> FrozenTrial | None:
@@ -104,15 +114,9 @@ def best_trial(study: optuna.Study) -> FrozenTrial | None:
     return next(iter(best_first(study)), None)
 
 
-def complete_trials(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that have a value, in their order."""
-    return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-
-
 def preset_trial(study: optuna.Study) -> FrozenTrial | None:
     """Return the complete trial with the settings from which the study departs, if there is one."""
-    found = (t for t in complete_trials(study) if t.user_attrs.get(ORIGIN) == PRESET)
-    return next(found, None)
+    return next((t for t in best_first(study) if t.user_attrs.get(ORIGIN) == PRESET), None)
 
 
 def failure_of(trial: FrozenTrial) -> str | None:
@@ -129,9 +133,7 @@ def summary(trials: Sequence[FrozenTrial], label: str) -> str:
     text += f" ({details})" if details else ""
     complete = (trial for trial in trials if trial.state is TrialState.COMPLETE)
     best = max(complete, key=_value, default=None)
-    if best is None:
-        return text
-    return f"{text}, highest {label} {best.value:.3f} (trial {best.number})"
+    return f"{text}, highest {label} {best.value:.3f} (trial {best.number})" if best else text
 
 
 def _value(trial: FrozenTrial) -> float:

@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import functools
 import os
 import platform
-import zlib
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import optuna
 from optuna.exceptions import StorageInternalError
-from optuna.storages import RDBStorage
 from optuna.trial import FrozenTrial, TrialState
 from rich.console import Console
 from rich.progress import Progress
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.jobs import connected_to_ray
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs import Resources, open_executor
 from sb3_piano.links import keep_inside
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
 from sb3_piano.tuning.best import write_best
 from sb3_piano.tuning.space import check_space
-from sb3_piano.tuning.storage import mend_journal, open_storage, open_study, why_refused
-from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_sampler
-from sb3_piano.tuning.team import Heart, Team
+from sb3_piano.tuning.storage import open_study, opened_store, why_refused
+from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder
+from sb3_piano.tuning.team import Team
 from sb3_piano.tuning.trials import (
     best_trial,
     counting,
@@ -37,7 +35,7 @@ from sb3_piano.tuning.trials import (
     preset_trial,
     summary,
 )
-from sb3_piano.tuning.workers import ActorWorker, MakeWorker, ProcessWorker
+from sb3_piano.tuning.workers import TrialJob
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,8 +90,8 @@ def tune(
         n_trials: Trials of the study in all, at least 1.
         workers: Processes that run trials, at least 1; on this machine they share the cores.
         ray: Address of a cluster of Ray, see :func:`~sb3_piano.jobs.connected_to_ray`; the
-            workers are then actors there, with a core each. All nodes see ``folder`` by the same
-            path. The store stays with this process.
+            workers are then there, with a core each. All nodes see ``folder`` by the same path,
+            on a disk with locks, or reach the database.
         storage: URL of a database, such as ``postgresql+psycopg://user@host/name``; by default
             the study is kept in its folder.
         search: How settings are chosen and trials are ended early.
@@ -110,56 +108,61 @@ def tune(
     keep_inside(place.path)
     check_space(config.space, config.algo, config.env_id, config.entry)
     name = Path(os.path.realpath(place.path)).name if name is None else name
-    with _owned(place, embedded=storage is None):
-        store = open_storage(storage, place)
+    with (
+        _owned(place, embedded=storage is None),
+        opened_store(storage, place) as store,
+        _telling_of_database(name),
+    ):
         study = open_study(config, store, name=name, search=search)
-        seed = sampler_seed(study, search, embedded=storage is None)
-        study.sampler = make_sampler(dataclasses.replace(search, seed=seed))
         _check_runs(study, place)
+        job = TrialJob(
+            config=config,
+            folder=place if ray is None else StudyFolder(place.path.absolute()),
+            study_name=name,
+            storage=storage,
+            search=search,
+        )
         label = f"{config.objective} {config.metric}"
-        try:
-            with (
-                _workers_of(ray) as make_worker,
-                _progress_bar(n_trials, label, shown=progress_bar) as on_progress,
-            ):
-                team = Team(
-                    study,
-                    config,
-                    place,
-                    heart=Heart(study, store) if isinstance(store, RDBStorage) else None,
-                    n_trials=n_trials,
-                    n_workers=workers,
-                    make_worker=make_worker,
-                )
-                interrupted = team.run(on_progress)
-            from sb3_piano.tuning.report import write_report, write_table  # not for each worker
+        team = Team(study, job, n_trials=n_trials, n_workers=workers)
+        with (
+            stop_on_signal() as request,
+            _progress_bar(n_trials, label, shown=progress_bar) as on_progress,
+        ):
+            with _executor_of(workers, ray) as executor:
+                interrupted = team.run(executor, request, on_progress)
+            team.queue_lost_again(ended=True)
+        from sb3_piano.tuning.report import write_report, write_table  # not for each worker
 
-            write_best(study, config, place)
-            write_table(study, config, place)
-            write_report(study, config, place)
-            return TuneResult(
-                folder=place,
-                study=study,
-                best=best_trial(study),
-                preset=preset_trial(study),
-                trials=tuple(counting(study)),
-                interrupted=interrupted,
-            )
-        except StorageInternalError as error:
-            raise RunError(
-                f"The database of study {name!r} cannot be used any more: {why_refused(error)}. "
-                "What is in it stays: when it is back, the same command goes on."
-            ) from error
+        write_best(study, config, place)
+        write_table(study, config, place)
+        write_report(study, config, place)
+        return TuneResult(
+            folder=place,
+            study=study,
+            best=best_trial(study),
+            preset=preset_trial(study),
+            trials=tuple(counting(study)),
+            interrupted=interrupted,
+        )
+
+
+def _executor_of(workers: int, ray: str | None) -> AbstractContextManager[Executor]:
+    """Return what runs trials. The settings of a lost one are queued again, not its job."""
+    if ray is None:
+        return open_executor(workers)
+    return open_executor(None, ray, Resources(retries=0))
 
 
 @contextlib.contextmanager
-def _workers_of(ray: str | None) -> Iterator[MakeWorker]:
-    """Give what makes the workers, on this machine or on a cluster of Ray."""
-    if ray is None:
-        yield ProcessWorker
-        return
-    with connected_to_ray(ray) as package:
-        yield functools.partial(ActorWorker, package)
+def _telling_of_database(name: str) -> Iterator[None]:
+    """Say in one line that a study's database is away, and how to go on."""
+    try:
+        yield
+    except StorageInternalError as error:
+        raise RunError(
+            f"The database of study {name!r} cannot be used any more: {why_refused(error)}. What "
+            "is in it stays: when it is back, the same command goes on."
+        ) from error
 
 
 @contextlib.contextmanager
@@ -174,18 +177,7 @@ def _owned(folder: StudyFolder, *, embedded: bool) -> Iterator[None]:
     expected += "has ended or was stopped."
     busy = f"Study '{folder.path}' is being run"
     with hold(folder.workers_dir / f"{name}{LOCK_SUFFIX}", busy, expected):
-        if embedded:
-            mend_journal(folder)
         yield
-
-
-def sampler_seed(study: optuna.Study, search: Search, *, embedded: bool) -> int | None:
-    """Return the seed of the sampler: another one on each machine, and each time it goes on."""
-    if search.seed is None:
-        return None
-    machine = 0 if embedded else zlib.crc32(platform.node().encode())
-    entropy = (search.seed, machine, len(study.get_trials(deepcopy=False)))
-    return int(np.random.SeedSequence(entropy).generate_state(1)[0])
 
 
 def _check_runs(study: optuna.Study, folder: StudyFolder) -> None:

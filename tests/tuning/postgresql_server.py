@@ -42,7 +42,7 @@ def postgresql_server() -> Iterator[str]:
         raise NoServerError(
             "PostgreSQL is not installed: no initdb in /usr/lib/postgresql or on PATH"
         )
-    folder = Path(tempfile.mkdtemp(prefix="sb3-piano-postgresql-", dir="/tmp"))
+    folder = Path(tempfile.mkdtemp(prefix="postgresql-of-tests-", dir="/tmp"))
     other_user = {}
     if os.getuid() == 0:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import time
@@ -11,7 +10,8 @@ from pathlib import Path
 import gymnasium as gym
 import torch
 
-from sb3_piano.tuning import Float, Space, StudyConfig
+from sb3_piano.interrupts import stop_requested
+from sb3_piano.tuning import Space, StudyConfig
 
 ENV_ID = "RoboPianist-debug-CMajorChordProgressionTwoHands-v0"  # the shortest one
 ENTRY = {
@@ -28,7 +28,7 @@ ENTRY = {
 
 def small_study(space=None, entry=None, **settings) -> StudyConfig:
     """Return a study of TD3 with 40 steps a training, two evaluations of each."""
-    space = Space({"gamma": Float(0.7, 0.9)}) if space is None else space
+    space = Space({"gamma": {"float": [0.7, 0.9]}} if space is None else space)
     arguments = {"env_id": ENV_ID, "n_evaluations": 2, **settings}
     return StudyConfig(algo="td3", entry={**ENTRY, **(entry or {})}, space=space, **arguments)
 
@@ -38,44 +38,49 @@ def wrapped(wrapper: type[gym.Wrapper], **arguments) -> dict:
     return {"env_wrapper": {f"{__name__}.{wrapper.__name__}": arguments}}
 
 
-class KilledOnce(gym.Wrapper):
-    """Kill this process, as a system without memory does, unless a file says it was done."""
+class Killed(gym.Wrapper):
+    """Kill a process at step 10, as a system without memory does.
 
-    def __init__(self, env: gym.Env, marker: str, step: int = 10):
+    It is this one, or that whose id is in the file ``other``. If there is a ``marker``, that is
+    done once.
+    """
+
+    def __init__(self, env: gym.Env, marker: str | None = None, other: str | None = None):
         super().__init__(env)
-        self._marker = Path(marker)
-        self._left = step
+        self._marker, self._other, self._left = marker and Path(marker), other, 10
 
     def step(self, action):
         self._left -= 1
-        if self._left == 0 and not self._marker.exists():
-            self._marker.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
+        if self._left == 0 and not (self._marker and self._marker.exists()):
+            if self._marker:
+                self._marker.touch()
+            other = self._other and Path(self._other).read_text()
+            os.kill(int(other or os.getpid()), signal.SIGKILL)
         return self.env.step(action)
 
 
 class HeldUntil(gym.Wrapper):
-    """Let a step last until a file is there: time to do something meanwhile."""
+    """Let a step last until a file is there or someone asks for the end: time to do something."""
 
     def __init__(self, env: gym.Env, marker: str):
         super().__init__(env)
         self._marker = Path(marker)
 
     def step(self, action):
-        while not self._marker.exists():
+        while not self._marker.exists() and not stop_requested():
             time.sleep(0.02)
         return self.env.step(action)
 
 
 class ThreadsNoted(gym.Wrapper):
-    """Write into a file how many threads torch has where a worker first makes the environment.
+    """Write into a file how many threads torch has where another process makes the environment.
 
     That is for a training; around an evaluation's environment no network runs yet.
     """
 
-    def __init__(self, env: gym.Env, file: str):
+    def __init__(self, env: gym.Env, file: str, parent: int):
         super().__init__(env)
-        if multiprocessing.parent_process() is not None and not Path(file).exists():
+        if os.getpid() != parent and not Path(file).exists():
             Path(file).write_text(str(torch.get_num_threads()))
 
 
@@ -106,10 +111,3 @@ class Interrupted(gym.Wrapper):
         if self._left == 0:
             os.kill(os.getpid(), signal.SIGINT)
         return self.env.step(action)
-
-
-class KilledAlways(gym.Wrapper):
-    """Kill this process at the first step."""
-
-    def step(self, action):
-        os.kill(os.getpid(), signal.SIGKILL)

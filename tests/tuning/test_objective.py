@@ -14,7 +14,7 @@ from optuna.trial import TrialState
 
 from sb3_piano.callbacks import F1Callback
 from sb3_piano.training import RunFolder, evaluate
-from sb3_piano.tuning import Choice, Float, Int, Objective, Space, StudyFolder
+from sb3_piano.tuning import Objective, Space, StudyFolder
 from sb3_piano.tuning.objective import reason_of
 from sb3_piano.tuning.study import METRICS
 
@@ -46,10 +46,10 @@ def run(config, folder, n_trials=1, pruner=None):
 @pytest.mark.slow
 def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
     space = {
-        "gamma": Float(0.7, 0.9),
-        "batch_size": Choice([4, 8]),
-        "policy_kwargs.net_arch": Choice({"one": [4], "two": [4, 4]}),
-        "env_kwargs.n_steps_lookahead": Int(0, 2),
+        "gamma": {"float": [0.7, 0.9]},
+        "batch_size": {"choice": [4, 8]},
+        "policy_kwargs.net_arch": {"choice": {"one": [4], "two": [4, 4]}},
+        "env_kwargs.n_steps_lookahead": {"int": [0, 2]},
     }
     config = small(Space(space))
     for trial in run(config, tmp_path, n_trials=2):
@@ -187,7 +187,7 @@ def test_the_entrys_own_evaluations_are_left_out_and_other_callbacks_stay(tmp_pa
 )
 def test_a_trial_that_fails_says_why_and_the_study_goes_on(name, choices, reason, tmp_path):
     config = small(
-        Space({name: Choice(choices)}), small_study.wrapped(small_study.Broken, limit=1e9)
+        Space({name: {"choice": choices}}), small_study.wrapped(small_study.Broken, limit=1e9)
     )
     study = optuna.create_study(direction="maximize")
     for choice in choices:

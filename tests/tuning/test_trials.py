@@ -46,11 +46,10 @@ def requeue(study):
 
 def test_settings_of_a_trial_whose_process_was_gone_are_queued_once(study, recwarn):
     begin(study, CONFIG).report(0.5, 200)
-    study.tell(0, state=TrialState.FAIL)
-    assert failure_of(study.trials[0]) == GONE
     for _ in range(2):
         requeue(study)
     lost, again = study.trials
+    assert (lost.state, failure_of(lost)) == (TrialState.FAIL, GONE)
     assert (again.state, again.params) == (TrialState.WAITING, lost.params)
     assert (again.user_attrs, again.intermediate_values) == ({}, {})
     assert repeated(study.trials) == {0}
@@ -63,7 +62,6 @@ def test_settings_of_a_trial_whose_process_was_gone_are_queued_once(study, recwa
 def test_settings_that_were_not_drawn_yet_are_queued_as_far_as_they_are_fixed(study):
     study.enqueue_trial({"batch_size": 64}, user_attrs={ORIGIN: PRESET})
     study.ask()
-    study.tell(0, state=TrialState.FAIL)
     requeue(study)
     trial = begin(study, CONFIG)
     assert trial.params["batch_size"] == 64
@@ -74,36 +72,24 @@ def test_other_trials_are_left_alone(study):
     complete(study, CONFIG, 0.5)
     prune(study, CONFIG, 0.1)
     fail(study, CONFIG, "ValueError: no")
-    begin(study, CONFIG)
     study.enqueue_trial({"batch_size": 64})
+    begin(study, CONFIG)
     fail(study, CONFIG, None)
     before = study.trials
     requeue_lost(study, lambda trial: False)  # another machine's
-    requeue_lost(study, lambda trial: trial.number < 4)
+    requeue_lost(study, lambda trial: trial.number < 3)
     assert study.trials == before
     assert len(counting(study)) == len(before)
 
 
-def test_settings_are_tried_four_times_and_then_count_as_failed(study):
-    for _ in range(4):
-        begin(study, CONFIG)
-        study.tell(study.trials[-1].number, state=TrialState.FAIL)
-        requeue(study)
-    assert [trial.state for trial in study.trials] == [TrialState.FAIL] * 4
-    assert len({trial.params["learning_rate"] for trial in study.trials}) == 1
-    assert [trial.number for trial in counting(study)] == [3]
-
-
-def test_interruptions_are_no_retries(study):
+def test_settings_are_tried_four_times_and_then_count_as_failed_interruptions_are_no_retries(study):
     for _ in range(5):
         interrupt(study, CONFIG)
         requeue(study)
-    for _ in range(3):
-        fail(study, CONFIG)
+    for _ in range(4):
+        begin(study, CONFIG)
         requeue(study)
-    assert study.trials[-1].state is TrialState.WAITING
-    fail(study, CONFIG)
-    requeue(study)
+    assert [trial.state for trial in study.trials] == [TrialState.FAIL] * 9
     assert [trial.number for trial in counting(study)] == [8]
     assert len({trial.params["learning_rate"] for trial in study.trials}) == 1
 

@@ -1,174 +1,319 @@
-"""Studies with worker processes: nothing is lost and nothing is done twice.
-
-The workers are the same with both stores, which only the parent knows: each test has one of them.
-"""
+"""``sb3-piano tune`` from its options to its files, whoever is killed or interrupted meanwhile."""
 
 from __future__ import annotations
 
 import csv
 import os
+import re
 import shutil
 import signal
-import threading
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import optuna
 import pytest
-import small_study
 import yaml
 from optuna.trial import TrialState
+from small_study import (
+    ENTRY,
+    ENV_ID,
+    Broken,
+    HeldUntil,
+    Killed,
+    ThreadsNoted,
+    small_study,
+    wrapped,
+)
 
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.cli import main
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.locks import hold
 from sb3_piano.training import RunFolder, load_config
-from sb3_piano.tuning import Float, Search, Space, team, tune
-from sb3_piano.tuning.trials import repeated
+from sb3_piano.tuning import StudyFolder, team, tune
+from sb3_piano.tuning.storage import opened_store
+from sb3_piano.tuning.trials import counting
 
 pytestmark = pytest.mark.slow
 
-small = small_study.small_study
-TWO = Space({"gamma": Float(0.7, 0.9), "learning_rate": Float(1e-4, 1e-2, log=True)})
+MIDI_FILE = Path(__file__).parents[1] / "data" / "five_fingers.mid"
+PIECE = ("--env", ENV_ID)
+LASTING = {"n_timesteps": 200, "learning_starts": 190}
 
 
-def run(config, folder, storage=None, **options):
-    arguments = {"n_trials": 4, "workers": 2, "progress_bar": False, **options}
-    arguments.setdefault("name", f"{folder.name}-{time.time_ns()}")
-    return tune(config, folder / "study", storage=storage, **arguments)
+@pytest.fixture(autouse=True)
+def files(tmp_path, monkeypatch):
+    """A folder to work in, with a small configuration and a small search space."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)  # wrappers
+    write_settings()
+    return tmp_path
 
 
-def states(result):
-    return [trial.state for trial in result.study.trials]
+def write_settings(**entry):
+    space = {"gamma": {"discount": [0.6, 0.9]}, "tau": {"float": [0.001, 0.1]}}
+    for name, content in {"small.yml": {"default": {**ENTRY, **entry}}, "space.yml": space}.items():
+        Path(name).write_text(yaml.safe_dump(content))
+
+
+def options(*more, piece=PIECE):
+    given = ["tune", "--algo", "td3", *piece, "--config", "small.yml", "--space", "space.yml"]
+    steps = yaml.safe_load(Path("small.yml").read_text())["default"]["n_timesteps"]
+    given += ["--steps", str(steps), "--evaluations", "2", "--no-progress", "--name", "study"]
+    return [*given, *more]
+
+
+def trials_of(url=None, folder=StudyFolder(Path("studies/study"))):  # noqa: B008 - frozen
+    """Return the trials of the study, all and those that count."""
+    with opened_store(url, folder) as store:
+        study = optuna.load_study(study_name="study", storage=store)
+        return study.get_trials(), counting(study)
+
+
+def until(happened, seconds=120.0):
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end, "it never happened"
+        time.sleep(0.05)
+
+
+# A study that nobody disturbs.
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A study in its folder, which one worker has finished."""
-    config = small(TWO, {"learning_rate": 2e-3})
+    """A folder in which the command has finished a study of two workers, and what it printed."""
     folder = tmp_path_factory.mktemp("finished")
-    return tune(config, folder / "small", n_trials=3, search=Search(seed=0), progress_bar=False)
+    out = folder / "out.txt"
+    with pytest.MonkeyPatch.context() as patch, out.open("w") as printed:
+        patch.chdir(folder)
+        patch.setattr(sys, "stdout", printed)
+        for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            patch.delenv(name, raising=False)
+        write_settings(**wrapped(ThreadsNoted, file=str(folder / "threads"), parent=os.getpid()))
+        more = ("--trials", "3", "--seeds", "2", "--workers", "2", "--seed", "0")
+        assert main(options(*more, piece=("--midi", str(MIDI_FILE)))) == 0
+    return folder, out.read_text()
 
 
-def test_the_first_trial_has_the_presets_settings(finished):
-    assert finished.study.trials[0].params == {"gamma": 0.8, "learning_rate": 2e-3}
-    assert finished.preset.number == 0
+def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypatch):
+    folder, out = finished
+    monkeypatch.chdir(folder)
+    assert "studies/study, 3 trials, highest final f1 " in out
+    assert "(of the preset: " in out
+    for name in ("best.yml", "report.html", "trials.csv"):
+        assert f"studies/study/{name}" in out
+    assert "<html" in Path("studies/study/report.html").read_text()
+    (shown,) = re.findall("^Train: *(.*)", out, re.MULTILINE)
+    assert shown.startswith(f"sb3-piano train --algo td3 --env {GENERAL_ID} --config studies/study")
+    assert shown in Path("studies/study/best.yml").read_text()
+    best = load_config("td3", GENERAL_ID, Path("studies/study/best.yml"))
+    assert (best.n_timesteps, best.env_kwargs["score"]) == (40, str(MIDI_FILE))
+    with Path("studies/study/trials.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["steps"] for row in rows] == ["80"] * 3
+    assert (
+        float(max(rows, key=lambda row: float(row["value"]))["gamma"])
+        == (best.algorithm_kwargs["gamma"])
+    )
 
 
-def test_what_comes_out_is_ready_for_use(finished):
-    assert finished.best.value == max(trial.value for trial in finished.trials)
-    config = load_config("td3", small_study.ENV_ID, finished.folder.best_file)
-    assert config.algorithm_kwargs["gamma"] == finished.best.params["gamma"]
-    with finished.folder.table_file.open() as file:
-        assert len(list(csv.DictReader(file))) == 3
-    assert yaml.safe_load(finished.folder.best_file.read_text()).keys() == {small_study.ENV_ID}
-    assert "<html" in finished.folder.report_file.read_text()
+def test_two_workers_run_every_trial_once_the_first_with_the_presets_settings(finished):
+    folder = StudyFolder(finished[0] / "studies/study")
+    trials, _ = trials_of(folder=folder)
+    assert [trial.state for trial in trials] == 3 * [TrialState.COMPLETE]
+    assert trials[0].params == {"1 - gamma": 0.2, "tau": 0.005}
+    assert len({trial.params["tau"] for trial in trials}) == 3
+    assert len(list(folder.workers_dir.glob("*.log"))) == 2
+    assert list(folder.workers_dir.glob("*.lock")) == []
+    for trial in trials:
+        run = RunFolder.open(folder.trial_dir(trial.number) / "seed_1")
+        assert run.read_config().algorithm_kwargs["tau"] == trial.params["tau"]
+    assert sorted(path.name for path in (folder.path / "trials").iterdir()) == list("012")
+    assert (finished[0] / "threads").read_text() == "1"  # as the workers share the cores
+    backend = optuna.storages.journal.JournalFileBackend(str(folder.journal_file))
+    store = optuna.storages.JournalStorage(backend)  # Optuna by itself
+    assert optuna.load_study(study_name="study", storage=store).best_value > 0
 
 
-def test_optuna_itself_can_read_the_store(finished):
-    backend = optuna.storages.journal.JournalFileBackend(str(finished.folder.journal_file))
-    storage = optuna.storages.JournalStorage(backend)
-    study = optuna.load_study(study_name="small", storage=storage)
-    assert study.best_value == finished.best.value
+def test_a_study_goes_on_with_more_trials_and_its_seed_decides_on_each(finished, capsys, files):
+    shutil.copytree(finished[0] / "studies", "studies")
+    shutil.copy(finished[0] / "small.yml", "small.yml")
+    more = ("--seeds", "2", "--seed", "0")
+    before, _ = trials_of()
+    assert main(options(*more, "--trials", "4", piece=("--midi", str(MIDI_FILE)))) == 0
+    after, _ = trials_of()
+    assert after[:3] == before
+    assert len(after) == 4
+    assert main(options(*more, "--trials", "4", piece=("--midi", str(MIDI_FILE)))) == 0
+    assert trials_of()[0] == after
+    assert ", 4 trials, highest" in capsys.readouterr().out
+    seeds = ("--seeds", "1")
+    assert main(options(*seeds, "--trials", "4", piece=("--midi", str(MIDI_FILE)))) == 2
+    assert "Study 'study' has seeds [0, 1], not [0]: expected" in capsys.readouterr().err
 
 
-def test_two_workers_run_every_trial_once(tmp_path, monkeypatch):
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        monkeypatch.delenv(name, raising=False)
-    noted = small_study.wrapped(small_study.ThreadsNoted, file=str(tmp_path / "threads"))
-    result = run(small(TWO, noted), tmp_path, search=Search(seed=0))
-    assert states(result) == 4 * [TrialState.COMPLETE]
-    assert not result.interrupted
-    assert len(list(result.folder.workers_dir.glob("*.log"))) == 2
-    assert list(result.folder.workers_dir.glob("*.lock")) == []
-    assert len({trial.params["gamma"] for trial in result.trials}) == 4
-    for trial in result.trials:
-        run_folder = RunFolder.open(tmp_path / f"study/trials/{trial.number}/seed_0")
-        assert run_folder.read_config().algorithm_kwargs["gamma"] == trial.params["gamma"]
-    assert sorted(path.name for path in (tmp_path / "study/trials").iterdir()) == list("0123")
-    assert (tmp_path / "threads").read_text() == "1"  # as the workers share the cores
+# Whoever dies.
 
 
-def test_a_killed_worker_is_noticed_and_its_trial_run_again(postgresql_url, tmp_path):
-    killed = small_study.wrapped(small_study.KilledOnce, marker=str(tmp_path / "killed"))
-    result = run(small(TWO, killed), tmp_path, postgresql_url, n_trials=2, workers=1)
-    assert (tmp_path / "killed").exists()
-    assert [trial.state for trial in result.trials] == 2 * [TrialState.COMPLETE]
-    (lost,) = repeated(result.study.trials)
-    dead = result.study.trials[lost]
-    assert dead.state is TrialState.FAIL
-    (again,) = [trial for trial in result.trials if trial.params == dead.params]
-    assert again.number != dead.number
-    with result.folder.table_file.open() as file:
-        row = list(csv.DictReader(file))[lost]
-    assert (row["state"], "killed" in row["failure"]) == ("repeated", True)
+def gone(pid):
+    return not Path(f"/proc/{pid}").exists()
 
 
-def test_a_study_goes_on_where_it_was_also_with_more_trials(finished, tmp_path):
-    shutil.copytree(finished.folder.path, tmp_path / "study")
-    config = small(TWO, {"learning_rate": 2e-3})
-    more = run(config, tmp_path, n_trials=4, workers=1, name="small")
-    assert states(more) == 4 * [TrialState.COMPLETE]
-    assert more.trials[:3] == finished.trials
-    again = run(config, tmp_path, n_trials=4, name="small")
-    assert again.trials == more.trials
+def pids_of_workers():
+    return [log.stem.rpartition("-")[2] for log in Path("studies/study/workers").glob("*.log")]
 
 
-def test_ctrl_c_stops_the_workers_and_the_same_call_goes_on(tmp_path, ctrl_c):
-    name = f"stopped-{time.time_ns()}"
-    slow = small_study.wrapped(small_study.HeldUntil, marker=str(tmp_path / "quick"))
-    config = small(TWO, {"n_timesteps": 200, "learning_starts": 190, **slow})
-    stopper = threading.Thread(target=press_ctrl_c_once_begun, args=(tmp_path / "study",))
-    stopper.start()
-    stopped = run(config, tmp_path, n_trials=2, name=name)
-    stopper.join()
-    assert stopped.interrupted
-    assert TrialState.RUNNING not in states(stopped)
-    assert TrialState.WAITING in states(stopped)
-    assert (tmp_path / "study/report.html").is_file()
-    (tmp_path / "quick").touch()
-    result = run(config, tmp_path, n_trials=2, workers=1, name=name)
-    assert [trial.state for trial in result.trials] == 2 * [TrialState.COMPLETE]
-    stopped_settings = {trial.params["gamma"] for trial in stopped.study.trials if trial.params}
-    assert stopped_settings <= {trial.params["gamma"] for trial in result.trials}
+def run(*more, killed_parent=False):
+    """Run the command here; if it is to be killed, first in a process of its own."""
+    if killed_parent:
+        started = "import os, sys, pathlib; pathlib.Path('parent').write_text(str(os.getpid())); "
+        started += f"from sb3_piano.cli import main; sys.exit(main({options(*more)!r}))"
+        done = subprocess.run([sys.executable, "-c", started], capture_output=True, check=False)
+        assert done.returncode == -signal.SIGKILL, done.stderr
+        until(lambda: all(map(gone, pids_of_workers())), seconds=10)
+    return main(options(*more))
 
 
-def press_ctrl_c_once_begun(folder):
-    while not list(folder.glob("trials/*/seed_0/monitor/*.csv")):
-        time.sleep(0.05)
-    os.kill(os.getpid(), signal.SIGINT)
+@pytest.mark.parametrize(
+    ("who", "where"),
+    [
+        ("worker", "file"),
+        ("worker", "postgresql"),
+        ("parent", "file"),
+        ("parent", "postgresql"),
+        ("worker on Ray", "file"),
+    ],
+)
+def test_settings_of_whom_was_killed_are_run_again_and_nothing_else(who, where, request, capsys):
+    url = request.getfixturevalue("database_url") if where == "postgresql" else None
+    other = "parent" if who == "parent" else None
+    write_settings(**wrapped(Killed, marker=os.path.abspath("killed"), other=other))
+    more = ["--trials", "4", "--workers", "2", *(["--storage", url] if url else [])]
+    if who == "worker on Ray":
+        more += ["--ray", request.getfixturevalue("ray_cluster").address]
+    assert run(*more, killed_parent=who == "parent") == 0, capsys.readouterr().err
+    assert Path("killed").exists()
+    trials, count = trials_of(url)
+    assert [trial.state for trial in count] == 4 * [TrialState.COMPLETE]
+    lost = [trial for trial in trials if trial not in count]
+    assert 1 <= len(lost) <= (2 if who == "parent" else 1)
+    for trial in lost:
+        assert trial.state is TrialState.FAIL
+        (again,) = [each for each in count if each.params == trial.params]
+        assert again.number > trial.number
+    assert len({str(trial.params) for trial in count}) == 4
+    assert count[0].params == {"1 - gamma": 0.2, "tau": 0.005} or lost[0].number == 0
+    with Path("studies/study/trials.csv").open() as file:
+        row = list(csv.DictReader(file))[lost[0].number]
+    assert row["state"] == "repeated"
 
 
-def test_a_study_in_which_every_trial_fails_says_why(tmp_path):
-    entry = small_study.wrapped(small_study.Broken, limit=30)
-    result = run(small(TWO, entry), tmp_path, n_trials=2, workers=1)
-    assert result.best is None
-    assert result.failures == {"RuntimeError: a string has broken"}
-    assert not result.folder.best_file.exists()
-    (log,) = result.folder.workers_dir.glob("*.log")
+def test_workers_that_die_at_once_end_the_study_with_one_error(monkeypatch, capsys):
+    monkeypatch.setattr(team, "MAX_DEATHS", 2)
+    write_settings(**wrapped(Killed))
+    assert main(options("--trials", "2")) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "2 workers in a row ended before a trial was finished, the last one so: " in line
+    assert "SIGKILL" in line
+
+
+# Whoever is interrupted.
+
+
+@pytest.mark.parametrize("when", ["in a trial", "while a worker starts"])
+def test_what_is_stopped_says_so_and_the_same_command_goes_on(when, capsys):
+    write_settings(**LASTING, **wrapped(HeldUntil, marker=os.path.abspath("quick")))
+    more = ("--trials", "2", "--workers", "2")
+    command = [sys.executable, "-m", "sb3_piano.cli", *options(*more)]
+    process = subprocess.Popen(
+        command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    if when == "in a trial":
+        until(lambda: len(list(Path().glob("studies/*/trials/*/seed_0/monitor/*.csv"))) == 2)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does it
+    else:
+        tasks = Path(f"/proc/{process.pid}/task")
+        until(lambda: any(file.read_text() for file in tasks.glob("*/children")))
+        os.killpg(process.pid, signal.SIGTERM)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "")
+    assert "Interrupted: the same command goes on." in out
+    assert Path("studies/study/report.html").is_file()
+    assert all(map(gone, pids_of_workers()))
+    stopped, _ = trials_of()
+    assert TrialState.RUNNING not in {trial.state for trial in stopped}
+    Path("quick").touch()
+    assert main(options(*more)) == 0
+    assert ", 2 trials, highest final f1 " in capsys.readouterr().out
+    _, count = trials_of()
+    settings = [trial.params for trial in count]
+    assert all(trial.params in settings for trial in stopped if trial.params)
+
+
+# What is refused.
+
+
+def error(capsys, *more, piece=PIECE):
+    """Run the command and return the one line that says what is wrong."""
+    assert main(options(*more, piece=piece)) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = printed.err.splitlines()
+    return line
+
+
+def test_a_study_without_a_complete_trial_is_an_error(capsys):
+    write_settings(**wrapped(Broken, limit=30))
+    assert main(options("--trials", "2")) == 2
+    out = capsys.readouterr().out
+    assert "No trial is complete." in out
+    assert "Failed:     RuntimeError: a string has broken" in out
+    assert not Path("studies/study/best.yml").exists()
+    (log,) = Path("studies/study/workers").glob("*.log")
     assert "Traceback" in log.read_text()
 
 
-def test_a_study_that_another_process_runs_is_refused(tmp_path):
-    with (
-        hold(tmp_path / "study/workers/study.lock"),
-        pytest.raises(RunError, match=r"is being run by process \d+ on .*: expected one command"),
-    ):
-        run(small(TWO), tmp_path)
+def test_a_study_that_another_process_runs_is_refused(capsys):
+    with hold(Path("studies/study/workers/study.lock")):
+        found = error(capsys)
+    assert re.search(r"is being run by process \d+ on .*: expected one command", found)
 
 
-def test_runs_of_another_study_are_not_overwritten(tmp_path):
-    (tmp_path / "study/trials/0").mkdir(parents=True)
-    with pytest.raises(RunError, match="has runs of trials, but its study has none"):
-        run(small(TWO), tmp_path)
+def test_runs_of_another_study_are_not_overwritten(capsys):
+    Path("studies/study/trials/0").mkdir(parents=True)
+    assert "has runs of trials, but its study has none" in error(capsys)
 
 
-def test_workers_that_die_at_once_end_the_study_with_one_error(tmp_path, monkeypatch):
-    monkeypatch.setattr(team, "_MAX_DEATHS", 2)
-    config = small(TWO, small_study.wrapped(small_study.KilledAlways))
-    with pytest.raises(RunError, match="2 workers in a row ended with signal SIGKILL"):
-        run(config, tmp_path, workers=1)
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        (["--metric", "f2"], "metric is 'f2': expected one of 'f1', 'onset_f1'"),
+        (["--sampler", "tpee"], "sampler is 'tpee'"),
+        (["--pruner", "medium"], "pruner is 'medium'"),
+        (["--space", "sacc"], "Did you mean 'sac'"),
+        (["--eval-seed", "0"], "eval_seed is 0"),
+        (["--midi", str(MIDI_FILE)], "--midi cannot be given with --env"),
+        (["--storage", "sqlite:///x.db"], "SQLite"),
+        (["--storage", "nowhere"], "is no URL of a database"),
+        (["--name", "../elsewhere"], "--name is '../elsewhere': expected the name of a folder in"),
+        (["--name", ".."], "--name is '..': expected the name of a folder in --studies-dir"),
+        (["--name", ""], "--name is '': expected the name of a folder in --studies-dir"),
+    ],
+)
+def test_a_wrong_option_is_told_in_one_line(more, reason, capsys):
+    assert reason in error(capsys, *more)
 
 
 @pytest.mark.parametrize("name", ["n_trials", "workers"])
-def test_there_is_at_least_one_of_each(name, tmp_path):
+def test_there_is_at_least_one_of_each(name):
     with pytest.raises(ConfigError, match=f"{name} is 0: expected a whole number, 1 or more"):
-        run(small(TWO), tmp_path, **{name: 0})
+        tune(small_study(), "study", **{name: 0})
+
+
+def test_an_impossible_range_is_refused_before_there_is_a_study(capsys):
+    Path("space.yml").write_text("gamma: {float: [0.5, 1.5]}")
+    assert "'gamma' = 1.5: gamma is 1.5: expected a finite number from 0 to 1" in error(capsys)
+    assert not Path("studies").exists()

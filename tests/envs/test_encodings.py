@@ -28,11 +28,21 @@ TINY = score_of(
 )
 
 
-@pytest.mark.parametrize("physics", ["reference", "fast"])
-@pytest.mark.parametrize("observation", ["roll", "window", "fingers"])
+@pytest.mark.parametrize("options", [{}, {"physics": "fast", "reduced_action_space": False}])
+@pytest.mark.parametrize(
+    ("observation", "binary"),
+    [
+        ("roll", {"goal", "fingering"}),
+        ("window", {"goal", "fingering"}),
+        ("fingers", set()),
+        ("hands", {"right_busy", "left_busy"}),
+    ],
+)
 @pytest.mark.filterwarnings("ignore:.*render")
-def test_every_observation_passes_both_env_checkers_and_stays_in_its_space(observation, physics):
-    env = PianoEnv("CMajorScaleTwoHands", observation=observation, physics=physics)
+def test_every_observation_passes_both_env_checkers_and_stays_in_its_space(
+    observation, binary, options
+):
+    env = PianoEnv("CMajorScaleTwoHands", observation=observation, **options)
     check_env(env, skip_render_check=True)
     sb3_check_env(env, warn=True)
     env.action_space.seed(0)
@@ -42,8 +52,8 @@ def test_every_observation_passes_both_env_checkers_and_stays_in_its_space(obser
         assert env.observation_space.contains(seen)
         for block in env.observation_layout.values():
             assert not block.binary or np.isin(seen[block.slice], (0.0, 1.0)).all()
-    binary = {block.name for block in env.observation_layout.values() if block.binary}
-    assert binary == (set() if observation == "fingers" else {"goal", "fingering"})
+    layout = env.observation_layout.values()
+    assert {block.name for block in layout if block.binary} == binary
 
 
 # The window.

@@ -98,11 +98,3 @@ def test_a_fingertip_inside_the_row_of_black_keys_costs_unless_it_plays_one(hand
         frames.on_black[0, on_black] = True
         costs.append(total(cost_of(hand, frames), inside, "wall"))
     assert costs[0] > costs[1] > costs[2] == 0
-
-
-def test_states_do_not_depend_on_each_other():
-    cost, positions = busy_cost(0)
-    moved = positions.copy()
-    moved[4] += 0.1
-    changed = (cost.values(moved) != cost.values(positions)).any(axis=1)
-    assert np.flatnonzero(changed).tolist() == [4]

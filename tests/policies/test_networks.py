@@ -1,4 +1,4 @@
-"""DroQ, SimBa and encoders: each learns a real piano piece under each stock algorithm."""
+"""Regularised critics, SimBa and encoders: each learns a real piece under each algorithm."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ KINDS = {
         "Regularized",
         {"net_arch": [32, 32], "dropout": 0.1, "target_dropout": True, "mean_q": True},
     ),
+    "regularised": ("Regularized", {"net_arch": [32, 32], "dropout": 0.1}),
     "SimBa": ("Simba", {"net_arch": {"pi": [16], "qf": [32, 32]}}),
     "mlp": ("Encoder", {"encoder": "mlp", "net_arch": [32]}),
     "conv": ("Encoder", {"encoder": "conv", "net_arch": [32]}),
@@ -98,6 +99,9 @@ def test_stock_load_gives_the_same_actions_and_goes_on_learning(trained, tmp_pat
     assert len(np.unique(actions, axis=0)) == 8
     model.policy.save(tmp_path / "policy.pt")
     alone = type(model.policy).load(tmp_path / "policy.pt", device="cpu")
+    assert repr(alone) == repr(loaded.policy) == repr(model.policy)  # layers and their settings
+    for name, weights in model.policy.state_dict().items():
+        assert torch.equal(loaded.policy.state_dict()[name], weights), name
     np.testing.assert_array_equal(alone.predict(observations, deterministic=True)[0], actions)
     loaded.replay_buffer = model.replay_buffer
     loaded.learn(2, reset_num_timesteps=False)

@@ -13,11 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import set_random_seed
 from torch import nn
 
-from sb3_piano.policies import (
-    EncoderSACPolicy,
-    RegularizedSACPolicy,
-    sparing_updates,
-)
+from sb3_piano.policies import EncoderSACPolicy, RegularizedSACPolicy, sparing_updates
 from sb3_piano.policies.sparing import ZeroSkippingLinear
 from sb3_piano.training import load_config, train
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -79,16 +80,14 @@ def metrics_of(played):
 
 def resting(played):
     """Return the same piece with nothing played."""
-    steps = len(played)
-    return Performance(
-        roll=played.roll,
-        key_active=np.zeros((steps, NUM_KEYS), dtype=bool),
-        sustain=np.zeros(steps, dtype=bool),
+    return dataclasses.replace(
+        played,
+        key_active=np.zeros_like(played.key_active),
+        sustain=np.zeros_like(played.sustain),
         strike_time=np.empty(0),
         strike_speed=np.empty(0),
         release_time=np.empty(0),
-        press_finger=np.full((steps, NUM_KEYS), -1, dtype=np.int8),
-        title=played.title,
+        press_finger=np.full_like(played.press_finger, -1),
     )
 
 

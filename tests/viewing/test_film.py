@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.simulation import find_gl_backend
 from sb3_piano.viewing import PerformanceRenderer, Picture, Take, View, film, moments
 
@@ -19,12 +19,7 @@ VIEWS = typing.get_args(View)
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
-PIECE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.1, pitch=48, finger=0),
-        Note(onset=0.1, offset=0.2, pitch=60),
-    ]
-)
+PIECE = score_of((0.0, 0.1, 48, 0), (0.1, 0.2, 60))
 
 
 def episode(**options):

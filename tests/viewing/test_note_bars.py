@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from short_scores import score_of
 
-from sb3_piano.music import Note, PianoRoll, Score
+from sb3_piano.music import PianoRoll
 from sb3_piano.simulation import compile_scene
 from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
 from sb3_piano.viewing.moment import MISSED_COLOR
@@ -17,8 +18,7 @@ WHITE, BLACK = 39, 40  # C4 and C#4
 
 
 def bars_over(*notes):
-    score = Score(notes=[Note(**note) for note in notes])
-    return NoteBars.over(compile_scene(), PianoRoll.from_score(score, 0.05))
+    return NoteBars.over(compile_scene(), PianoRoll.from_score(score_of(*notes), 0.05))
 
 
 def foot(bar):
@@ -32,7 +32,7 @@ def sounding(*keys):
 
 
 def test_a_note_comes_down_steadily_reaches_its_key_when_it_is_due_and_sinks_into_it():
-    notes = bars_over({"onset": 1.0, "offset": 1.5, "pitch": 60, "finger": 1})
+    notes = bars_over((1.0, 1.5, 60, 1))
     key_y = compile_scene().key_boxes[0][WHITE, 1]
     heights, lengths = [], []
     for step in range(31):
@@ -53,16 +53,13 @@ def test_a_note_comes_down_steadily_reaches_its_key_when_it_is_due_and_sinks_int
 
 
 def test_a_note_too_far_ahead_is_not_there_yet():
-    notes = bars_over({"onset": 10.0, "offset": 10.5, "pitch": 60})
+    notes = bars_over((10.0, 10.5, 60))
     assert notes.at(0, SILENT) == []
     assert len(notes.at(190, SILENT)) == 1
 
 
 def test_bars_have_the_colours_of_their_fingers_until_they_are_due_then_tell_hits_from_misses():
-    notes = bars_over(
-        {"onset": 0.1, "offset": 0.5, "pitch": 60, "finger": 7},
-        {"onset": 0.1, "offset": 0.5, "pitch": 61},
-    )
+    notes = bars_over((0.1, 0.5, 60, 7), (0.1, 0.5, 61))
     colors = [[bar.color for bar in notes.at(step, sounding(BLACK))] for step in (2, 3)]
     # After two steps the third, the first of both notes, has not been played yet.
     assert colors[0] == [FINGER_COLORS[7], UNLABELLED_COLOR]
@@ -75,10 +72,7 @@ def test_bars_have_the_colours_of_their_fingers_until_they_are_due_then_tell_hit
 
 def test_the_whole_piece_is_in_sight_and_a_view_that_follows_is_where_the_music_is():
     low, high = 20, 70
-    notes = bars_over(
-        {"onset": 0.0, "offset": 1.0, "pitch": 21 + low},
-        {"onset": 11.0, "offset": 12.0, "pitch": 21 + high},
-    )
+    notes = bars_over((0.0, 1.0, 21 + low), (11.0, 12.0, 21 + high))
     key_y = compile_scene().key_boxes[0][:, 1]
     assert notes.whole.middle == pytest.approx((key_y[low] + key_y[high]) / 2)
     assert notes.whole.width == pytest.approx(key_y[high] - key_y[low])
@@ -91,10 +85,7 @@ def test_the_whole_piece_is_in_sight_and_a_view_that_follows_is_where_the_music_
 
 
 def test_a_view_that_follows_sees_more_of_what_comes_than_of_what_was():
-    notes = bars_over(
-        {"onset": 0.0, "offset": 6.0, "pitch": 21 + 20},
-        {"onset": 6.0, "offset": 12.0, "pitch": 21 + 70},
-    )
+    notes = bars_over((0.0, 6.0, 21 + 20), (6.0, 12.0, 21 + 70))
     before, after = (notes.followed(round(time / 0.05)).width for time in (4.5, 7.5))
     assert before > after + 0.1
 

@@ -43,9 +43,7 @@ def test_a_note_due_from_half_a_second_to_one_is_judged_by_its_strikes(presses, 
 
 def test_a_note_after_the_end_of_the_episode_is_neither_hit_nor_missed():
     played = performance(
-        [note(C4, 0.0, 0.4), note(C4, 0.5, 1.0), note(D4, 1.0, 1.5)],
-        [(C4, 0.01, 0.4, 0)],
-        steps=10,
+        [note(C4, 0.0, 0.4), note(C4, 0.5, 1.0), note(D4, 1.0, 1.5)], [(C4, 0.01, 0.4, 0)], steps=10
     )
     notes, _ = judge(played)
     assert notes.fate.tolist() == [HIT, NOT_REACHED, NOT_REACHED]

@@ -114,9 +114,7 @@ def test_the_bare_physics_moves_exactly_as_the_environment(profile, simulations,
     for action in actions:
         env.step(action)
     heard = calls(
-        mujoco,
-        "mj_step",
-        lambda model, data, nstep: (nstep, data.qpos.copy(), data.ctrl.copy()),
+        mujoco, "mj_step", lambda model, data, nstep: (nstep, data.qpos.copy(), data.ctrl.copy())
     )
     for _ in range(2):  # each time from the beginning
         heard.clear()

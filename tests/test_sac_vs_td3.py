@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import runpy
 import shutil
-import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
 import yaml
-from fresh_python import running_python
 
 from sb3_piano.music import PianoRoll, load_score
 from sb3_piano.training import evaluate, load_config, train
@@ -101,7 +97,7 @@ def test_the_algorithms_share_what_the_paper_has_for_both():
     assert common["policy_kwargs"] == {"net_arch": net, "optimizer_kwargs": fused}
 
 
-# The driver, as a user runs it: interrupted, then run again.
+# The driver, as a user runs it.
 
 
 def arguments(runs):
@@ -113,32 +109,15 @@ def steps_of(folder):
 
 
 @pytest.mark.slow
-def test_the_driver_goes_on_where_it_was_interrupted_and_the_table_shows_it(
-    tmp_path, monkeypatch, capsys
-):
+def test_the_driver_trains_what_is_missing_and_the_table_shows_it(tmp_path, monkeypatch, capsys):
     runs = tmp_path / "runs"
     folder = runs / "td3" / "d_major_seed_0"
-    log, metrics = folder / "monitor" / "0.monitor.csv", folder / "evaluation" / "metrics.json"
-    with running_python([str(FOLDER / "run.py"), *arguments(runs)], tmp_path) as driver:
-        process = driver.process
-        # Until the log of episodes has a line beside its two of heading.
-        while process.is_alive() and not (log.is_file() and log.read_text().count("\n") > 2):
-            time.sleep(0.01)
-        os.kill(process.pid, signal.SIGINT)
-        process.join()
-        ended = driver.ended()
-    assert ended.returncode == 130, ended.stderr
-    assert "the same command goes on from here" in ended.stdout
-    assert 0 < steps_of(folder) < STEPS
-    assert not metrics.exists()
-    before = log.read_bytes()
-
+    metrics = folder / "evaluation" / "metrics.json"
     with pytest.raises(SystemExit) as exit_status:
         run_script("run.py", arguments(runs), monkeypatch)
     assert exit_status.value.code == 0
     output = capsys.readouterr().out
     assert steps_of(folder) == STEPS
-    assert log.read_bytes().startswith(before)
     config = yaml.safe_load((folder / "config.yml").read_text())
     assert (config["n_timesteps"], config["seed"], config["algo"]) == (STEPS, 0, "td3")
     mean = json.loads(metrics.read_bytes())["mean"]

@@ -19,7 +19,6 @@ from sb3_piano.demonstrations import clone_behaviour
 from sb3_piano.demonstrations.corpus import RecordedCorpus
 from sb3_piano.demonstrations.dataset import Transitions
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.jobs import ray_executor
 from sb3_piano.lab.distillation import DistillConfig, distill
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.library import Library
@@ -126,14 +125,6 @@ def test_an_excerpt_is_part_of_its_piece():
 @pytest.mark.slow
 def test_another_order_of_the_shards_makes_the_same_bytes(corpus, tmp_path):
     with Backwards() as executor:
-        again = record_corpus(CorpusConfig(**SETTINGS), tmp_path / "again", executor=executor)
-    assert again.content == corpus.content
-    assert bytes_of(again) == bytes_of(corpus)
-
-
-@pytest.mark.slow
-def test_a_cluster_of_ray_makes_the_same_corpus(corpus, ray_cluster, tmp_path):
-    with ray_executor(ray_cluster.address) as executor:
         again = record_corpus(CorpusConfig(**SETTINGS), tmp_path / "again", executor=executor)
     assert again.content == corpus.content
     assert bytes_of(again) == bytes_of(corpus)

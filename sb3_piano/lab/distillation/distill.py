@@ -16,7 +16,15 @@ from sb3_piano.demonstrations.shards import file_digest
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_bytes, write_csv, write_yaml
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import begin_or_go_on, broken_told, process_pool
+from sb3_piano.jobs import (
+    Here,
+    Outcome,
+    begin_or_go_on,
+    broken_told,
+    finish,
+    process_pool,
+    status,
+)
 from sb3_piano.lab.distillation.config import PLANNED, DistillConfig
 from sb3_piano.lab.distillation.improvement import improve, improvement_run
 from sb3_piano.lab.distillation.rollout import hands_env
@@ -144,13 +152,24 @@ def distill(
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
         with pool as chosen, broken_told(go_on(place)):
             work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
+            jobs = [
+                work.job(number, name, before, improvements.get(name))
+                for number, (before, name) in enumerate(zip([None, *names], names, strict=False))
+            ]
+
+            def tell(outcome: Outcome) -> None:
+                if outcome.error is not None:
+                    raise outcome.error
+                rounds.append(RoundResult(**(outcome.result or {})))
+                _write_results(place, rounds, names)
+                on_round(rounds[-1])
+
+            known = status(jobs)
+            for one in known:
+                if one.result is not None:
+                    tell(one)
             try:
-                for number, name in enumerate(names):
-                    further = improvements.get(name)
-                    result = work.judged(name, further) if further else work.finish(number)
-                    rounds.append(result)
-                    _write_results(place, rounds, names)
-                    on_round(result)
+                finish(jobs, Here(), known=known, request=request, on_outcome=tell)
             except KeyboardInterrupt:
                 interrupted = True
     weights = place / FILE_NAME if rounds else None

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,7 +25,7 @@ from sb3_piano.demonstrations.streaming import Rows, ShuffledRows
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import StopRequest
-from sb3_piano.jobs import Item, Result, map_jobs
+from sb3_piano.jobs import Item, Job, Result, map_jobs
 from sb3_piano.lab.distillation.config import DistillConfig
 from sb3_piano.lab.distillation.network import new_policy, regress, standardize
 from sb3_piano.lab.distillation.rollout import hands_env
@@ -68,6 +69,43 @@ class RoundResult:
     """Why an excerpt of this round, by its number, could not be played."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class NetworkJob(Job):
+    """A network that is made and judged: a round, or an improvement after the last one.
+
+    Its files stand beside its folder, which only an improvement has.
+    """
+
+    make: Callable[[Path], Mapping[str, str]]
+
+    @property
+    def weights(self) -> Path:
+        """The network's file."""
+        return weights_file(self.folder.parent, self.name)
+
+    def found(self) -> RoundResult | None:
+        """Return the result, if it is judged and there.
+
+        Raises:
+            RunError: If the file of the result is damaged.
+        """
+        again = "delete it, and it is made again."
+        done = read_json(self.folder.with_name(f"{self.name}.json"), RoundResult, again)
+        return done if self.weights.is_file() else None
+
+    def result(self) -> Mapping[str, Any] | None:
+        """Return :meth:`found` as a mapping."""
+        done = self.found()
+        return None if done is None else dataclasses.asdict(done)
+
+    def begin(self) -> None:
+        """Do nothing: the settings are those of the distillation."""
+
+    def keep(self, result: Mapping[str, Any]) -> None:
+        """Write the result beside the network."""
+        write_json(self.folder.with_name(f"{self.name}.json"), result)
+
+
 class Rounds:
     """The rounds of a distillation in its folder.
 
@@ -94,37 +132,42 @@ class Rounds:
         self._shards: dict[int, list[Shard]] = {}
         self._recorded = recorded_of(config)
 
-    def finish(self, number: int) -> RoundResult:
-        """Do what is left to do of a round; those before it are done.
-
-        Raises:
-            KeyboardInterrupt: If the request is made.
-        """
-        return self.judged(round_name(number), partial(self._train, number))
-
-    def judged(self, name: str, make: Callable[[Path], Mapping[str, str]]) -> RoundResult:
-        """Return the result of a network, which is made and judged unless that is done.
+    def job(
+        self,
+        number: int,
+        name: str,
+        before: str | None,
+        make: Callable[[Path], Mapping[str, str]] | None = None,
+    ) -> NetworkJob:
+        """Return the job of a network, which is made and judged.
 
         Args:
+            number: Which it is, from 0.
             name: What it is called.
-            make: Writes the network's file if it is not there; returns what it had to skip.
-
-        Raises:
-            KeyboardInterrupt: If the request is made.
+            before: The network from which it begins, or that plays; none of the first.
+            make: Writes the network's file if it is not there, and returns what it had to skip; by
+                default the training of a round.
         """
-        started, weights = time.monotonic(), weights_file(self._place, name)
-        file = self._place / f"{name}.json"
-        done = read_json(file, RoundResult, "delete it, and it is made again.")
-        if done is not None and weights.is_file():
-            return done
-        skipped = make(weights)
-        pieces = self._judge(name, weights)
+        make = partial(self._train, number) if make is None else make
+        return NetworkJob(
+            name=name,
+            folder=self._place / name,
+            work=self._judged,
+            needs=() if before is None else (before,),
+            make=make,
+        )
+
+    def _judged(self, job: NetworkJob) -> Mapping[str, Any]:
+        """Make a network and judge it; return the :class:`RoundResult` as a mapping."""
+        started = time.monotonic()
+        skipped = job.make(job.weights)
+        pieces = self._judge(job.name, job.weights)
         played = [metrics for metrics in pieces.values() if metrics is not None]
         if not played:
             raise RunError("Nothing could be played to judge by: expected other evaluation.pieces.")
-        facts = HandModel.load(weights).facts
+        facts = HandModel.load(job.weights).facts
         result = RoundResult(
-            name=name,
+            name=job.name,
             transitions=facts.num_timesteps,
             loss=float(facts.about["loss"]) if "loss" in facts.about else None,
             **{metric: fmean(metrics[metric] for metrics in played) for metric in JUDGED_BY},
@@ -132,8 +175,7 @@ class Rounds:
             pieces=pieces,
             skipped=skipped,
         )
-        write_json(file, dataclasses.asdict(result))
-        return result
+        return dataclasses.asdict(result)
 
     def _play(self, number: int) -> list[Shard]:
         """Return the shards of a round, in order; those that are not there are made."""

@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: install demo web replay site lint check test matrix clean
+.PHONY: install demo web replay site lint check test suite matrix clean
 
 install: $(INSTALLED)
 
@@ -51,18 +51,22 @@ lint: $(INSTALLED)
 	if [ -d web/node_modules ]; then cd web && npm run --silent check; fi
 
 # The tests write thousands of small files, for each of which a disk is waited for, and start hundreds
-# of processes, for which they wait, too: there are three at once, for two cores, their files are kept in
-# memory where there are 4 GB for them, and Python's bytecode also where the environment would not have it.
+# of processes, for which they wait, too: there is one more at once than cores, and five at most, of 2 GB
+# each; their files are kept in memory where there are 4 GB for them, and Python's bytecode also where the
+# environment would not have it.
 MEMORY := $(shell df --output=avail,target /dev/shm 2>/dev/null | awk 'NR > 1 && $$1 > 4e6 {print $$2}')
+WORKERS := $(shell cores=$$(nproc 2>/dev/null || echo 2); echo $$((cores < 4 ? cores + 1 : 5)))
 PYTEST := $(if $(MEMORY),PYTEST_DEBUG_TEMPROOT=$(MEMORY)) PYTHONDONTWRITEBYTECODE= \
-	$(BIN)/python -m pytest -n 3 --dist worksteal
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 # What to run while working: all but the slow tests.
 check: lint
 	$(PYTEST) -m "not slow"
 
-# Everything; `pytest` alone, in one process, is the same.
-test: lint
+# Everything; `pytest` alone, in one process, is the same. `make --jobs 2 test` lints meanwhile.
+test: lint suite
+
+suite: $(INSTALLED)
 	$(PYTEST)
 
 # `check` with each supported Python, installed afresh. PYTHONS chooses some: make matrix PYTHONS=python3.13

@@ -19,7 +19,8 @@ from collections.abc import Iterator, Sequence
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-LIBRARIES = ("scipy.optimize", "pydantic", "gymnasium", "optuna", "sb3_contrib")  # torch as well
+# With torch, of which an optimiser imports a part when it is first used.
+LIBRARIES = ("scipy.optimize", "pydantic", "gymnasium", "optuna", "sb3_contrib", "torch._dynamo")
 
 _context = multiprocessing.get_context("forkserver")
 _context.set_forkserver_preload(list(LIBRARIES))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fresh_python import run_python
 
 import sb3_piano
 
@@ -181,8 +182,7 @@ def test_no_module_of_posix_is_needed_to_import_play_and_train(tmp_path):
         from sb3_piano.cli import main
         sys.exit(main(["train", "--algo", "td3", "--env", env_id, "--steps", "3", "--no-progress"]))
     """
-    command = [sys.executable, "-c", textwrap.dedent(program)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    done = run_python(["-c", textwrap.dedent(program)], tmp_path)
     assert done.returncode == 0, done.stderr
     assert list(tmp_path.glob("runs/td3/*/model.zip"))
 

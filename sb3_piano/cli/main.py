@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
+import gc
 import importlib
 import io
 import os
@@ -109,7 +111,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 if all went well, 2 after an error of the user's, 130 after Ctrl-C.
     """
     _open_streams()
-    given = sys.argv[1:] if argv is None else argv
+    given = argv
+    if given is None:
+        given = sys.argv[1:]
+        atexit.register(gc.freeze)  # so that Python does not look through all of torch at the end
     if isinstance(sys.stdout, io.TextIOWrapper):  # a title in other letters must not end a command
         sys.stdout.reconfigure(errors="backslashreplace")
     plain: Any = _PlainText

@@ -10,6 +10,7 @@ import sys
 import gymnasium as gym
 import pytest
 import yaml
+from fresh_python import run_python
 
 import sb3_piano
 from sb3_piano.cli import main
@@ -154,6 +155,23 @@ def test_help_names_every_physics_profile(capsys):
         main(["evaluate", "--help"])
     told = capsys.readouterr().out.rpartition("--physics NAME")[2].partition("default:")[0]
     assert set(re.findall("[a-z-]+", told)) - {"or"} == set(PHYSICS_PROFILES)
+
+
+AT_THE_END = """
+import atexit, gc, sys
+from sb3_piano.cli import main
+sys.argv = ["sb3-piano", "presets"]
+main({})
+atexit._run_exitfuncs()
+print(gc.get_freeze_count() > 0, file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize(("arguments", "frozen"), [("", "True\n"), ("['presets']", "False\n")])
+def test_a_command_that_is_all_of_a_program_leaves_its_memory_to_the_system(
+    tmp_path, arguments, frozen
+):
+    assert run_python(["-c", AT_THE_END.format(arguments)], tmp_path).stderr == frozen
 
 
 @pytest.mark.slow

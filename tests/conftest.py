@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from browser_tab import Tab
+from hypothesis import settings
 
 import sb3_piano  # noqa: F401  (first of all: MuJoCo must not be imported before it)
 
@@ -22,6 +23,9 @@ os.environ["SB3_PIANO_DATA"] = _data_folder.name
 
 # Clusters are of this machine alone: to Ray 127.0.0.1 would be the address of its network card.
 os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
+
+settings.register_profile("tests", max_examples=50, deadline=None)
+settings.load_profile("tests")
 
 torch.set_num_threads(1)  # faster for the small networks of the tests
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gymnasium import spaces
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 from transitions import SPACE, Play, assert_equal, make_pair, make_space
@@ -54,7 +54,6 @@ def save(segments):
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
 @given(
     capacity=st.integers(2, 9),
     n_envs=st.integers(1, 3),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import score_of
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
@@ -145,7 +145,6 @@ def brute_force_goal(roll, finger, step, horizon):
     ),
     horizon=st.integers(1, 15),
 )
-@settings(max_examples=60, deadline=None)
 def test_finger_goals_are_what_can_be_read_off_the_roll(notes, horizon):
     score = score_of(
         *((0.05 * at, 0.05 * (at + n), pitch, finger) for at, n, pitch, finger in notes)

@@ -8,7 +8,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from published_rules import PARNCUTT_WEIGHTS
 
@@ -174,7 +174,6 @@ def part(drawn, finger=-1):
     return notes
 
 
-@settings(max_examples=60, deadline=None)
 @given(PARTS)
 def test_every_key_has_a_finger_and_no_finger_has_two_keys_unless_one_was_let_go(drawn):
     notes = part(drawn)
@@ -187,7 +186,6 @@ def test_every_key_has_a_finger_and_no_finger_has_two_keys_unless_one_was_let_go
             assert struck_again
 
 
-@settings(max_examples=40, deadline=None)
 @given(PARTS)
 def test_fingers_of_a_chord_follow_its_keys_and_octaves_are_alike(drawn):
     notes = part(drawn)
@@ -199,7 +197,6 @@ def test_fingers_of_a_chord_follow_its_keys_and_octaves_are_alike(drawn):
     assert finger_hand(higher, "right") == found
 
 
-@settings(max_examples=40, deadline=None)
 @given(PARTS, st.data())
 def test_labels_are_kept_whatever_they_are(drawn, data):
     notes = part(drawn)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import score_of
 
@@ -123,7 +123,6 @@ def built(drawn):
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
 @given(SCORES)
 def test_every_note_has_a_hand_and_known_ones_keep_theirs(drawn):
     piece = built(drawn)
@@ -136,7 +135,6 @@ def test_every_note_has_a_hand_and_known_ones_keep_theirs(drawn):
     assert assign_hands(piece) == found
 
 
-@settings(max_examples=60, deadline=None)
 @given(SCORES)
 def test_hands_never_cross_within_a_chord(drawn):
     found = assign_hands(without_fingers(built(drawn), keep_hands=False))

@@ -54,7 +54,6 @@ def header(**fields):
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
 @given(score=scores([*FINGERS, *HANDS, (-1, None)]))
 def test_a_score_comes_back_bit_by_bit_with_its_name_as_title(score, tmp_path_factory):
     library = Library(tmp_path_factory.mktemp("library"))

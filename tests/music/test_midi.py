@@ -3,7 +3,7 @@ import warnings
 import mido
 import pretty_midi
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from random_scores import FINGERS, HANDS, all_times, canonical, kept, scores
 from short_scores import note_of as note
 
@@ -54,7 +54,6 @@ LABELS = [(-1, None), *FINGERS, *HANDS]
 
 class TestRoundTrip:
     @pytest.mark.slow
-    @settings(max_examples=60, deadline=None)
     @given(score=scores(LABELS))
     def test_keeps_pitch_velocity_and_label_and_times_within_a_tick(self, score, tmp_path_factory):
         back = round_trip(score, tmp_path_factory.getbasetemp())

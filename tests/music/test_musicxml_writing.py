@@ -2,7 +2,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from lxml import etree
 from random_scores import FINGERS, HANDS, all_times, canonical, kept, scores
 from short_scores import note_of as note
@@ -23,7 +23,6 @@ def round_trip(score, folder, **options):
 
 class TestRoundTrip:
     @pytest.mark.slow
-    @settings(max_examples=40, deadline=None)
     @given(score=scores([*FINGERS, *HANDS]))
     def test_keeps_all_but_half_a_tick_and_then_all(self, score, tmp_path_factory):
         back = round_trip(score, tmp_path_factory.getbasetemp())

@@ -1,5 +1,5 @@
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from random_scores import FINGERS, HANDS, scores
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
@@ -121,7 +121,6 @@ def test_what_is_no_text_is_refused(tmp_path):
         read_pig(path)
 
 
-@settings(max_examples=60, deadline=None)
 @given(score=scores([*FINGERS, *HANDS]))
 def test_a_labelled_score_comes_back_equal_but_for_the_pedal(score, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "piece.txt"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sb3_piano.music import MIN_PITCH, Note, PianoRoll, Score
@@ -30,7 +30,6 @@ notes = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(notes, min_size=1, max_size=10))
 def test_every_labelled_step_of_a_note_belongs_to_one_press_of_its_finger(drawn):
     roll = roll_of(*drawn)
@@ -45,7 +44,6 @@ def test_every_labelled_step_of_a_note_belongs_to_one_press_of_its_finger(drawn)
     np.testing.assert_array_equal(found, np.where(roll.active, roll.finger, -1))
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(notes, min_size=1, max_size=10))
 def test_a_press_begins_with_every_strike_and_contains_no_other(drawn):
     roll = roll_of(*drawn)

@@ -8,7 +8,7 @@ from itertools import groupby, pairwise
 import numpy as np
 import pytest
 from drawn_presses import hand_presses
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import score_of
 
@@ -74,7 +74,6 @@ def test_only_the_cheapest_ways_go_on(monkeypatch):
     assert choose(presses, 1, 0.0) != exact
 
 
-@settings(max_examples=40, deadline=None)
 @given(hand_presses(most=5), st.sampled_from([1, -1]))
 def test_no_other_fingers_cost_less(presses, sign):
     chosen = dict(zip(presses, choose(presses, sign), strict=True))
@@ -175,7 +174,6 @@ drawn_notes = st.builds(
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
 @given(st.lists(drawn_notes, min_size=1, max_size=10))
 def test_what_is_left_of_a_roll_can_be_held_and_each_note_is_accounted_for(drawn):
     roll = PianoRoll.from_score(robot_fingers(score_of(*drawn), 0.05), 0.05)
@@ -192,7 +190,6 @@ def test_what_is_left_of_a_roll_can_be_held_and_each_note_is_accounted_for(drawn
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
 @given(st.lists(drawn_notes, min_size=1, max_size=10))
 def test_only_fingers_change_and_each_note_stays_with_its_hand(drawn):
     score = score_of(*drawn)

@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import note_of as note
 
@@ -225,7 +225,6 @@ class TestExcerpt:
         with pytest.raises(ScoreError, match=f"from {start} s to {end} s: expected 0 <= start"):
             three_notes().excerpt(start, end)
 
-    @settings(max_examples=50, deadline=None)
     @given(cut=st.floats(1.0, 2.0, exclude_min=True))
     def test_every_onset_lands_in_exactly_one_of_two_neighbouring_excerpts(self, cut):
         before, after = three_notes().excerpt(0, cut), three_notes().excerpt(cut, 4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sb3_piano.reading.arms import bounds_of, dividing_line
@@ -25,14 +25,12 @@ def bounds(right, left, right_busy, left_busy):
     return float(right_bound[0]), float(left_bound[0])
 
 
-@settings(max_examples=40, deadline=None)
 @given(places, places, st.booleans(), st.booleans())
 def test_the_bounds_keep_the_arms_apart_the_right_one_to_the_right(right, left, busy, other_busy):
     right_bound, left_bound = bounds(right, left, busy, other_busy)
     assert right_bound - left_bound == pytest.approx(APART)
 
 
-@settings(max_examples=40, deadline=None)
 @given(places, places, st.booleans())
 def test_a_hand_that_plays_is_not_pushed_by_one_that_rests(right, left, right_plays):
     right_bound, left_bound = bounds(right, left, right_plays, not right_plays)
@@ -42,7 +40,6 @@ def test_a_hand_that_plays_is_not_pushed_by_one_that_rests(right, left, right_pl
         assert left_bound >= left - 1e-9
 
 
-@settings(max_examples=40, deadline=None)
 @given(places, places)
 def test_two_hands_that_play_share_what_is_missing(right, left):
     right_bound, left_bound = bounds(right, left, True, True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_presses import hand_presses
 from hand_parts import hand_of, keys_of, over_the_top, scene_of, sounding_share, turned_boxes
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sb3_piano.music.constants import KEY_IS_BLACK
@@ -74,7 +74,6 @@ def test_a_hand_that_plays_black_keys_too_plays_white_ones_nearer_to_them():
     assert apart.target[5, 2, 0] == alone.target[20, 2, 0]
 
 
-@settings(max_examples=60, deadline=None)
 @given(hand_presses(rests=2), st.sampled_from([1, -1]), st.booleans())
 def test_a_key_that_is_held_is_never_left_for_another_one(presses, sign, leaping):
     if leaping:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from drawn_presses import hand_presses
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sb3_piano.music.constants import KEY_IS_BLACK
@@ -35,7 +35,6 @@ def gap(presses, sign=1):
     return second.first - first.last - 1
 
 
-@settings(max_examples=60, deadline=None)
 @given(hand_presses(), st.sampled_from([1, -1]))
 def test_no_press_is_empty_and_none_is_longer_than_asked(presses, sign):
     timed = time_presses(presses, sign)

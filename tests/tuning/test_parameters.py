@@ -8,7 +8,7 @@ import math
 import optuna
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
@@ -63,7 +63,6 @@ def suggested(of, count=5):
     return [of.suggest(trial, "x") for trial in trials], study.trials
 
 
-@settings(max_examples=60, deadline=None)
 @given(parameters())
 def test_yaml_and_the_store_give_parameters_and_values_back(of):
     for same in (json.loads(json.dumps(of.form)), yaml.safe_load(yaml.safe_dump(of.form))):

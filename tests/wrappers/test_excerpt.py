@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
 from random_scores import FINGERS, scores
@@ -75,7 +75,6 @@ class TestSeconds:
         assert {part.notes[0].onset for part in parts if pitches(part) == [64, 65]} == {0.5}
 
     @pytest.mark.slow
-    @settings(max_examples=60, deadline=None)
     @given(score=scores(FINGERS), length=st.floats(0.01, 9.0), seed=st.integers(0, 9))
     def test_a_random_part_always_has_notes_and_is_as_long_as_can_be(self, score, length, seed):
         env = Excerpt(piano(), start="random", length=length)

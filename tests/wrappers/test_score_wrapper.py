@@ -5,7 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
 from random_scores import FINGERS, scores
@@ -89,7 +89,6 @@ class TestPossibleScores:
     )
 
     @pytest.mark.slow
-    @settings(max_examples=60, deadline=None)
     @given(
         inner=st.lists(changes, max_size=2),
         outer=st.lists(changes, max_size=2),

@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
 from random_scores import FINGERS, scores
@@ -24,7 +24,6 @@ def shifts(env, score, count):
 
 
 class TestFixedShift:
-    @settings(max_examples=30, deadline=None)
     @given(score=scores(FINGERS), data=st.data())
     def test_a_shift_and_its_opposite_play_the_piece_itself(self, score, data):
         low, high = score.pitch_range
@@ -35,7 +34,6 @@ class TestFixedShift:
         assert played(env, score=score) == score
         assert env.unwrapped.score.bars == score.bars
 
-    @settings(max_examples=20, deadline=None)
     @given(octaves=st.integers(-3, 4))
     def test_an_octave_is_twelve_semitones(self, octaves):
         by_octaves = played(OctaveShift(piano(melody(60)), octaves))
@@ -102,7 +100,6 @@ def factors(env, count, *, seed=0):
     return [env.change(score, random).duration for _ in range(count)]
 
 
-@settings(max_examples=30, deadline=None)
 @given(score=scores(FINGERS), factor=FACTORS)
 def test_a_piece_is_stretched_with_its_pedals_and_bars(score, factor):
     slow, expected = (
@@ -112,7 +109,6 @@ def test_a_piece_is_stretched_with_its_pedals_and_bars(score, factor):
     assert (slow, slow.bars) == (expected, expected.bars)
 
 
-@settings(max_examples=30, deadline=None)
 @given(inner=FACTORS, outer=FACTORS)
 def test_factors_of_a_stack_multiply(inner, outer):
     env = TemporalStretch(TemporalStretch(piano(melody(60, 62)), inner), outer)

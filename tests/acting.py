@@ -1,7 +1,5 @@
 """What the tests of training and resuming share; configs name ``ActAt`` by its import path."""
 
-from __future__ import annotations
-
 import os
 import signal
 

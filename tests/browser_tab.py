@@ -1,7 +1,5 @@
 """A page of a real browser without a network, for tests of what people see."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}

@@ -1,7 +1,5 @@
 """Files that are cut off or changed, and what the error says that comes of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """What the tests of the planning core share: scenes, hands, keys, and presses to choose from."""
 
-from __future__ import annotations
-
 import functools
 
 import mujoco

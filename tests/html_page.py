@@ -1,7 +1,5 @@
 """A page of HTML taken apart, for tests of what people read."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 
 VOID = ("meta", "br", "input")

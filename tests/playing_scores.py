@@ -1,7 +1,5 @@
 """What the tests of the score wrappers share: a piano, pieces, and what is played."""
 
-from __future__ import annotations
-
 import functools
 
 from sb3_piano.envs import PianoEnv

@@ -1,7 +1,5 @@
 """Scores of a few notes."""
 
-from __future__ import annotations
-
 from sb3_piano.music import Note, Pedal, Score
 
 

@@ -1,7 +1,5 @@
 """Arrays in files: what a header claims, or a member unpacks to, is bounded before it is made."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

@@ -1,7 +1,5 @@
 """Benchmarks: of the planned pianist, of learning curves, and what experiments at scale take."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import runpy

@@ -1,7 +1,5 @@
 """The drivers that compare curricula: what they train, and that finished work is kept."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import sys

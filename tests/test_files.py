@@ -1,7 +1,5 @@
 """A file is whole or not there, also after a loss of power."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and SIGHUP are answered when nothing is half done."""
 
-from __future__ import annotations
-
 import signal
 import threading
 

@@ -1,7 +1,5 @@
 """The record of what was played, and the scores that are made from it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from short_scores import score_of

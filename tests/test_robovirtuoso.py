@@ -1,7 +1,5 @@
 """The cells of RoboVirtuoso's tables are what their names say, and the driver runs them."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import shutil

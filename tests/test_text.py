@@ -1,7 +1,5 @@
 """Texts of others: shown, and not obeyed."""
 
-from __future__ import annotations
-
 import io
 import sys
 

@@ -1,7 +1,5 @@
 """A team of threads does a job for each slot, and is at rest afterwards whatever happened."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import os

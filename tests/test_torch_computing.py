@@ -1,7 +1,5 @@
 """Threads and precision of torch while something computes, and the former ones afterwards."""
 
-from __future__ import annotations
-
 import contextlib
 
 import pytest

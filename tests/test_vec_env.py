@@ -1,7 +1,5 @@
 """``ThreadVecEnv`` and ``ProcessVecEnv`` give what ``DummyVecEnv`` gives."""
 
-from __future__ import annotations
-
 import inspect
 import os
 import signal

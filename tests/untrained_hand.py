@@ -1,7 +1,5 @@
 """What tests of the sight-reader's corrections share: a network that has learnt nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

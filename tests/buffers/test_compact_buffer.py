@@ -1,7 +1,5 @@
 """A compact buffer gives what SB3's own gives for the same transitions, and needs less for it."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import tracemalloc

@@ -1,7 +1,5 @@
 """A buffer saved in segments comes back equal, wherever it was cut."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

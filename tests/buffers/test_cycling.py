@@ -1,7 +1,5 @@
 """Batches of one environment each, in turn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Environments of five steps whose music metrics are known, and how to train in them."""
 
-from __future__ import annotations
-
 import csv
 
 import gymnasium as gym

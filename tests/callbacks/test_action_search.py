@@ -1,7 +1,5 @@
 """Exploration by searching among actions."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

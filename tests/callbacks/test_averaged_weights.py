@@ -1,7 +1,5 @@
 """Weights at the end of a training, averaged over its updates."""
 
-from __future__ import annotations
-
 import signal
 
 import numpy as np

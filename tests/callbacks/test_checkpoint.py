@@ -1,7 +1,5 @@
 """A checkpoint is complete, valid at every moment, and taken at the right step."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Easy pieces first, in real trainings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scripted import log_lines, on_pieces, series, tiny_td3

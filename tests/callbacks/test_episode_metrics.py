@@ -1,7 +1,5 @@
 """Music metrics and reward terms arrive in SB3's log, at the right line, with the right value."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

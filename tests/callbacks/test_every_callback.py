@@ -1,7 +1,5 @@
 """What holds for each callback: settings that make no sense are refused by name and value."""
 
-from __future__ import annotations
-
 import pytest
 from scripted import on_pieces, tiny_td3
 from short_scores import score_of

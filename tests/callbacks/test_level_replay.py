@@ -1,7 +1,5 @@
 """Level replay in real trainings: scores, draws, checkpoints."""
 
-from __future__ import annotations
-
 import itertools
 import signal
 

@@ -1,7 +1,5 @@
 """The distribution of prioritized level replay, by hand and by other formulas."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

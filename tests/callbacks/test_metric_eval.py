@@ -1,7 +1,5 @@
 """Evaluation by a music metric: what it logs, which model it keeps and when it ends a training."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """The environment of a callback: like the training's, and without a trace in the training."""
 
-from __future__ import annotations
-
 import contextlib
 import random
 from pathlib import Path

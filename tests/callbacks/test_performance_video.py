@@ -1,7 +1,5 @@
 """Videos during training: what they show, and what is written where nothing can be drawn."""
 
-from __future__ import annotations
-
 import av
 import gymnasium as gym
 import numpy as np

@@ -1,7 +1,5 @@
 """The progress bar tells about episodes and never stays open."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 from stable_baselines3 import TD3
 

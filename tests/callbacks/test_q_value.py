@@ -1,7 +1,5 @@
 """The Q-value in the log."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

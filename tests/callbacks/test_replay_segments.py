@@ -3,8 +3,6 @@
 That it is the same buffer when it is read back, `test_compact_checkpoints` proves of all kinds.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from gymnasium import spaces

@@ -1,7 +1,5 @@
 """What the tests of demonstrations share: a folder for data sets, short pieces, simple players."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import pytest
 from linear_players import Linear, pendulum

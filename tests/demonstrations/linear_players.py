@@ -1,7 +1,5 @@
 """A player that is easy to know and to learn, and environments that cost nothing."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 

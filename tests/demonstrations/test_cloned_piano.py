@@ -1,7 +1,5 @@
 """A clone of a few disturbed performances plays the piece by itself."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Behaviour cloning: a stock actor does what the recorded player would have done."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

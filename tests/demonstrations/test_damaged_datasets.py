@@ -1,7 +1,5 @@
 """Data sets whose files are damaged: one clear error, or other numbers."""
 
-from __future__ import annotations
-
 import json
 
 import h5py

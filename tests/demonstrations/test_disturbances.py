@@ -1,7 +1,5 @@
 """Noise on actions, and hands that begin out of place."""
 
-from __future__ import annotations
-
 import copy
 import math
 

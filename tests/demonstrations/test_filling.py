@@ -1,7 +1,5 @@
 """Data sets in replay buffers: what stands there is what the algorithm would have stored."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

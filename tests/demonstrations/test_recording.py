@@ -1,7 +1,5 @@
 """Recorded performances: what is in the data set is what the environment did."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

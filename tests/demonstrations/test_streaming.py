@@ -1,7 +1,5 @@
 """Rows of several parts: each once an epoch, mixed, and few of them in memory."""
 
-from __future__ import annotations
-
 from itertools import chain
 
 import numpy as np

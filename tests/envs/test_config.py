@@ -1,7 +1,5 @@
 """Settings of the environment: what is refused, and how it is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The observations by name: the window says what the roll says, the fingers where to go."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

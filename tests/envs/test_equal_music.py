@@ -1,7 +1,5 @@
 """The fast physics plays the same music as the exact one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import ks_2samp

@@ -1,7 +1,5 @@
 """Which fingers a score gets, and what may be chosen about a generated study, as options."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

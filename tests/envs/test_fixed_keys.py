@@ -1,7 +1,5 @@
 """Keys that do not move: everything else is as it was, and faster."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

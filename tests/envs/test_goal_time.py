@@ -1,7 +1,5 @@
 """Goals at the beginning or at the end of control steps."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

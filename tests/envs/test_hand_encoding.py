@@ -1,7 +1,5 @@
 """The observation of hands that have read the piece, both as right hands."""
 
-from __future__ import annotations
-
 import warnings
 
 import mujoco

@@ -1,7 +1,5 @@
 """The environment's behaviour on scores of a few notes, written here."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import inspect

@@ -1,7 +1,5 @@
 """Records of episodes, whoever ends them."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

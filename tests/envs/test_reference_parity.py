@@ -1,7 +1,5 @@
 """The environment equals RoboPianist, number by number, on recorded episodes."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mujoco

@@ -1,7 +1,5 @@
 """Reward terms: the cases that recorded episodes do not have, and dm_control's tolerance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

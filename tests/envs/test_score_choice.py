@@ -1,7 +1,5 @@
 """What is played in an episode: the environment's own score, a given one, or a transformed one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The piano without hands, whose keys are driven."""
 
-from __future__ import annotations
-
 import math
 import warnings
 

@@ -1,7 +1,5 @@
 """The scene as ``dm_control.mjcf``."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

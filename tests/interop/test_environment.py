@@ -1,7 +1,5 @@
 """The piano as a ``dm_env`` environment."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What is said where DeepMind's libraries are missing, and how they are imported."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

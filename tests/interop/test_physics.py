@@ -1,7 +1,5 @@
 """The environment's own model and data as dm_control's physics, for its viewer and cameras."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Each number of an episode has words, and one set of them."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

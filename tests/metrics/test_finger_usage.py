@@ -1,7 +1,5 @@
 """Finger usage: who pressed which key, how evenly, and whether it was the labelled finger."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

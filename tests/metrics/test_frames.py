@@ -1,7 +1,5 @@
 """Frame scores: values worked by hand, and properties that always hold."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Losses: what becomes of each due frame, and what each wrong one is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

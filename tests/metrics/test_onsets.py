@@ -1,7 +1,5 @@
 """Onset scores: the matching of strikes and notes against slow twins and mir_eval."""
 
-from __future__ import annotations
-
 import itertools
 
 import mir_eval

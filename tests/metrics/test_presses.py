@@ -1,7 +1,5 @@
 """Presses: the unbroken runs in which a key sounds, and those that nobody asked for."""
 
-from __future__ import annotations
-
 from itertools import groupby
 
 import numpy as np

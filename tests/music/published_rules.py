@@ -1,7 +1,5 @@
 """The rules of fingering as first published, see ``data/music/published_rules.yml``."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How far fingerings agree: hand-worked cases, and the recombination tried out in full."""
 
-from __future__ import annotations
-
 import itertools
 import random
 

@@ -1,7 +1,5 @@
 """Difficulty: features worked by hand and counted on a grid, motion from arrays, and the rank."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Loudness of notes: the speed of a key as MIDI's velocity."""
 
-from __future__ import annotations
-
 import pytest
 
 from sb3_piano.music.dynamics import speed_of, velocity_of

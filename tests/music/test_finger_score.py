@@ -1,7 +1,5 @@
 """Fingers for whole scores, both hands."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from short_scores import score_of

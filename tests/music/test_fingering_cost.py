@@ -1,7 +1,5 @@
 """The costs of fingers on keys, against the rules as published and worked by hand."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

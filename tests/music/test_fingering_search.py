@@ -1,7 +1,5 @@
 """The search for the cheapest fingering of a hand, against trying every fingering."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import random

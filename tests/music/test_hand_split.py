@@ -1,7 +1,5 @@
 """Hands for notes that do not say which hand plays them."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Finger labels from a file find their notes."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 

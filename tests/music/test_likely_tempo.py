@@ -1,7 +1,5 @@
 """In which tempo a score is written so that it can be read."""
 
-from __future__ import annotations
-
 import music21
 import pytest
 

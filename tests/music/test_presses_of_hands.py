@@ -1,7 +1,5 @@
 """Presses: which finger holds which key, from the first state to the last."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

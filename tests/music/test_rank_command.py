@@ -1,7 +1,5 @@
 """``sb3-piano pieces rank`` and ``pieces fingering``: what stands in their tables and files."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 

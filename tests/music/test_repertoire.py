@@ -1,7 +1,5 @@
 """Ten fingers can play the repertoire and the encores, and they are what was composed."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from pathlib import Path

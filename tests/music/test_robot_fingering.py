@@ -1,7 +1,5 @@
 """Fingers for the simulated hand: what it can do stays as written, what it cannot is changed."""
 
-from __future__ import annotations
-
 import dataclasses
 from itertools import groupby, pairwise
 

@@ -1,7 +1,5 @@
 """Hands for the simulated hands: notes change hands where that saves sound, and only there."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

@@ -1,7 +1,5 @@
 """Entries that stand for pieces: names, patterns, collections, files and lists of these."""
 
-from __future__ import annotations
-
 import pytest
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError

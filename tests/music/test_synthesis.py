@@ -1,7 +1,5 @@
 """The sound of a score, heard by its samples."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hearing import dominant_frequency, loudness, onsets_in

@@ -1,7 +1,5 @@
 """Small pieces, and what searches for ways to play them."""
 
-from __future__ import annotations
-
 import numpy as np
 from short_scores import note_of, score_of
 

@@ -1,7 +1,5 @@
 """Short pieces that hands can play, and how they are played."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -1,7 +1,5 @@
 """The hand at rest: five fingertips over five white keys."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hand_parts import data_at, hand_of, keys_of, rest_of, scene_of

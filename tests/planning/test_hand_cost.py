@@ -1,7 +1,5 @@
 """The cost of a hand's states: its derivatives by finite differences, and what it objects to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hand_parts import SETTINGS, hand_of, keys_of, random_positions, rest_of, scene_of

@@ -1,7 +1,5 @@
 """The linear dynamics of a hand, against MuJoCo without contacts, dry friction and limits."""
 
-from __future__ import annotations
-
 import functools
 
 import mujoco

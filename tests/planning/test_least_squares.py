@@ -1,7 +1,5 @@
 """The least squares of a hand: it only ever gets better, and where it can be checked, is right."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hand_parts import hand_of, keys_of, scene_of, whole_hand

@@ -1,7 +1,5 @@
 """Plans: what has to be true of every one of them, in all kinds of scenes."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

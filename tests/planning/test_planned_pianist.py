@@ -1,7 +1,5 @@
 """The planned pianist: it plays, in all the places where a trained model could."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Predictive sampling plays what it found, and disturbs nothing."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 

@@ -1,7 +1,5 @@
 """What hands cannot do is told by the name of the note, and the rest is planned nevertheless."""
 
-from __future__ import annotations
-
 import warnings
 
 import pytest

@@ -1,7 +1,5 @@
 """Refinement: a plan is played in simulation, what goes wrong is tried otherwise, and is kept."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 

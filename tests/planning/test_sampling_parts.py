@@ -1,7 +1,5 @@
 """What candidates cost where it does not follow from a simulation: see `test_sampling_search`."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The search of a control step rates what would really happen, and gives up nothing that wins."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

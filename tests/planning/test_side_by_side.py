@@ -1,7 +1,5 @@
 """Computations side by side: in turns, in two processes, and hands as the latter plan them."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

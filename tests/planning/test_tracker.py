@@ -1,7 +1,5 @@
 """The tracker: the plan's commands, corrected by where the hands are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hand_parts import hand_of, scene_of

@@ -1,7 +1,5 @@
 """The linear-quadratic problem of a hand, against dense least squares and small changes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hand_parts import hand_of, keys_of, rest_of, scene_of, whole_hand

@@ -1,7 +1,5 @@
 """RoboVirtuoso's encoders: their sizes, what they see, and where they drop out."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import pytest
 import torch

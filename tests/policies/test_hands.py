@@ -1,7 +1,5 @@
 """Policies in which one network plays every hand, under stock SAC, TD3 and PPO."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

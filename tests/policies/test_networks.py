@@ -1,7 +1,5 @@
 """Regularised critics, SimBa and encoders: each learns a real piece under each algorithm."""
 
-from __future__ import annotations
-
 import copy
 import functools
 

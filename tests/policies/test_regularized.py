@@ -1,7 +1,5 @@
 """Critics with dropout and layer normalisation, under stock SAC and TD3."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """SimBa's networks and normalisation, which need no piano."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Updates without what changes nothing: the same gradients, the same learning."""
 
-from __future__ import annotations
-
 import contextlib
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """The line between the arms: who gives way to whom."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Key frames: fingertips at the keys' surfaces, found by turning the keys in MuJoCo."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from drawn_presses import hand_presses

@@ -1,7 +1,5 @@
 """Where the fingertips are: against MuJoCo itself, one posture at a time."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Leaps: a hand that moves along the keys takes the time for it from the notes around."""
 
-from __future__ import annotations
-
 import pytest
 from drawn_presses import hand_presses
 from hypothesis import given

@@ -1,7 +1,5 @@
 """What the fast profiles leave out of the simulation, and what they keep."""
 
-from __future__ import annotations
-
 import itertools
 
 import mujoco

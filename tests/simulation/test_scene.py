@@ -1,7 +1,5 @@
 """The compiled scene: sizes, order and reading of its state."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

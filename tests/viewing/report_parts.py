@@ -1,7 +1,5 @@
 """What the tests of the report share: performances written down press by press."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Captions on pictures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sb3_piano.viewing.caption import write_caption

@@ -1,7 +1,5 @@
 """A film drawn afterwards shows what the environment would have shown."""
 
-from __future__ import annotations
-
 import sys
 import typing
 from dataclasses import replace

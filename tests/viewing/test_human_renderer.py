@@ -1,7 +1,5 @@
 """The window: on a screen if there is one, with a clear error if not."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Falling notes, and the part of the keyboard that views have in sight."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from short_scores import score_of

@@ -1,7 +1,5 @@
 """Pictures: what is coloured, and what happens where nothing can be drawn."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import pickle

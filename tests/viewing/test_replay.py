@@ -1,7 +1,5 @@
 """A performance in three dimensions, in a report."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

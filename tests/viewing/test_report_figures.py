@@ -1,7 +1,5 @@
 """What the report's figures are told to show, bar by bar; how they look is seen in a browser."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from report_parts import C4, D4, E4, STEP, note, performance, three_notes

@@ -1,7 +1,5 @@
 """The report in a real browser without a network: it draws, answers the mouse, fits a phone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

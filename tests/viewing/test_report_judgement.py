@@ -1,7 +1,5 @@
 """Which notes the report calls hit, and what it calls each press."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from report_parts import C4, D4, long_performance, note, performance, resting

@@ -1,7 +1,5 @@
 """The report's page: all that it should say, harmless, and in need of nothing else."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

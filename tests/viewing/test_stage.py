@@ -1,7 +1,5 @@
 """The stage: the joints of the scene, other shapes."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Video files, read back with another library than the one that wrote them."""
 
-from __future__ import annotations
-
 import os
 import stat
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Views: what the camera has in sight, and in which colours."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import typing

@@ -1,7 +1,5 @@
 """What holds for each wrapper, and for stacks of them."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import warnings

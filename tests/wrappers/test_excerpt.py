@@ -1,7 +1,5 @@
 """Parts of pieces, in seconds and in bars."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Offsets in the mirror: what the actuators are told, and back; rewards by hand."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """A part of the keyboard is observed: what remains is what it was."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

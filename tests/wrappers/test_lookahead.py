@@ -1,7 +1,5 @@
 """Looking farther ahead, or less far, than the environment does by itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """What is observed besides, or hidden: last action and reward, flag and finger labels."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

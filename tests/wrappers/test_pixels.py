@@ -1,7 +1,5 @@
 """Pictures as observations, and the replay buffer that holds them."""
 
-from __future__ import annotations
-
 import warnings
 
 import gymnasium as gym

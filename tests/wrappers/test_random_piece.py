@@ -1,7 +1,5 @@
 """Pieces chosen at random."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

@@ -5,8 +5,6 @@ that is pushed to its end is fully down in both, one that is up has a closeness 
 0.1 ** (0.95 / 0.5) ** 2 = 0.00025 in place of 0. Hence the tolerance of 0.0003.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from short_scores import score_of

@@ -1,7 +1,5 @@
 """Score wrappers in stacks: seeds, options, copies, and what they may lead to."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Pieces shifted along the keyboard, by semitones and by octaves, and stretched."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

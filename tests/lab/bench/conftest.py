@@ -1,7 +1,5 @@
 """What the tests of the benchmark share: workloads that take a moment."""
 
-from __future__ import annotations
-
 import pytest
 
 from sb3_piano.lab.bench import players, workloads

@@ -1,7 +1,5 @@
 """``sb3-piano bench``: the table, the file, and what goes wrong."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import os

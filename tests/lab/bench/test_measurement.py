@@ -1,7 +1,5 @@
 """Order of the runs, medians, ratios and shares, against numbers worked out by hand."""
 
-from __future__ import annotations
-
 import pytest
 
 from sb3_piano.lab.bench import Measurement, Sample, measure

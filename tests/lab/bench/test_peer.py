@@ -1,7 +1,5 @@
 """The peer in a process of its own: its end, and every way it can fail."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from types import SimpleNamespace

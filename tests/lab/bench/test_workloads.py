@@ -1,7 +1,5 @@
 """All workloads are real, and those that are compared do the same."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 from pathlib import Path

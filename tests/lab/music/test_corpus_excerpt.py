@@ -1,7 +1,5 @@
 """Excerpts of a corpus as the pieces of episodes."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

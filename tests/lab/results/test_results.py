@@ -1,7 +1,5 @@
 """Results fit their schema, are of the pieces there are, are aggregated, and come out again."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import multiprocessing

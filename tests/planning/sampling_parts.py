@@ -43,17 +43,6 @@ def play(env, player, n_steps):
     return np.array(actions)
 
 
-def play_episode(env, player):
-    """Return the final info of an episode."""
-    observation, _ = env.reset()
-    state, over, info = None, False, {}
-    while not over:
-        action, state = player.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-    return info
-
-
 def make_search(env, physics=None, noise=NOISE_FROM_ZERO, horizon=4, n=3, tracker=None, **cost):
     candidates = Candidates(noise, env.scene, horizon)
     simulations = Simulations(env, physics, n, 1)

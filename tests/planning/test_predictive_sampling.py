@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from episodes import play_episode
 from sampling_parts import (
     HELD,
     TUNE,
@@ -14,7 +15,6 @@ from sampling_parts import (
     make_player,
     make_search,
     play,
-    play_episode,
 )
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv

@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from episodes import play_episode
 from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
@@ -41,16 +42,6 @@ def refinement(made, env, **options):
     return contextlib.closing(Refinement(made, env.scene, SETTINGS, **{"n_threads": 1, **options}))
 
 
-def played(env, pianist):
-    """Play an episode, and return its final info."""
-    observation, _ = env.reset(seed=0)
-    ended, state, info = False, None, {}
-    while not ended:
-        action, state = pianist.predict(observation, state)
-        observation, _, _, ended, info = env.step(action)
-    return info
-
-
 @pytest.fixture(scope="module")
 def env():
     return stage()
@@ -80,7 +71,7 @@ def file(found, env, tmp_path_factory):
 @pytest.mark.slow
 def test_what_is_told_of_a_plan_is_how_it_sounds_on_stage(made, env):
     with refinement(made, env) as searching:
-        assert searching.f1 == played(env, PlannedPianist(env, SETTINGS))["f1"]
+        assert searching.f1 == play_episode(env, PlannedPianist(env, SETTINGS))["f1"]
         searching.run(passes=1, should_stop=lambda: True)
         assert searching.plan is made, "there was no time for a pass"
 
@@ -88,7 +79,7 @@ def test_what_is_told_of_a_plan_is_how_it_sounds_on_stage(made, env):
 def test_a_refined_plan_sounds_better_and_on_stage_as_it_was_found(found, file, env):
     _, f1, before = found
     assert f1 > before
-    assert played(env, PlannedPianist(env, plan=file))["f1"] == f1
+    assert play_episode(env, PlannedPianist(env, plan=file))["f1"] == f1
 
 
 def test_its_commands_are_the_same_where_observations_are_rounded_otherwise(file, env):
@@ -109,7 +100,7 @@ def test_its_commands_are_the_same_where_observations_are_rounded_otherwise(file
 @pytest.mark.slow
 def test_hands_that_were_pushed_come_back(found, file):
     env = stage(randomize_hand_positions=True)  # up to 5 cm aside
-    pushed = played(env, PlannedPianist(env, plan=file))
+    pushed = play_episode(env, PlannedPianist(env, plan=file))
     assert 0.3 < pushed["f1"] <= 1
 
 

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from episodes import play_episode
 
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
@@ -33,14 +34,6 @@ TUNE = Score(
 def piano(score=TUNE, **options):
     kwargs = {"physics": "fast", "reduced_action_space": False, "initial_buffer_time": 0.5}
     return PianoEnv(score, **{**kwargs, **options})
-
-
-def played(env, player):
-    observation, _ = env.reset(seed=0)
-    done = False
-    while not done:
-        observation, _, _, done, info = env.step(player.predict(observation)[0])
-    return info
 
 
 @pytest.mark.parametrize(
@@ -71,9 +64,9 @@ def test_looking_ahead_plays_a_hard_piece_better(kind, piece, length):
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        alone = played(env := hard(), kind(env))
+        alone = play_episode(env := hard(), kind(env))
         shape = TreeSettings(simulations=32, depth=4)
-        ahead = played(env := hard(), TreeSearch(kind(env), env, shape))
+        ahead = play_episode(env := hard(), TreeSearch(kind(env), env, shape))
     assert ahead["onset_f1"] > alone["onset_f1"] + 0.05
     assert ahead["f1"] > alone["f1"] + 0.05
 
@@ -81,7 +74,7 @@ def test_looking_ahead_plays_a_hard_piece_better(kind, piece, length):
 def test_a_player_that_searches_itself_looks_ahead_to_the_end_of_the_piece():
     env = piano(TUNE.excerpt(0.0, 0.3), initial_buffer_time=0.1)
     player = PredictiveSampling(env, nominal="none", samples=2, horizon=2, n_threads=1)
-    assert "f1" in played(env, TreeSearch(player, env, TreeSettings(simulations=6, depth=3)))
+    assert "f1" in play_episode(env, TreeSearch(player, env, TreeSettings(simulations=6, depth=3)))
 
 
 def test_strikes_are_counted_anew_where_the_search_goes_back():

@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import play_episode
 from gymnasium.wrappers import RescaleAction
 from short_scores import score_of
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -69,17 +70,14 @@ def test_the_planned_pianist_plays_as_well_through_it():
     player = PlannedPianist(env.unwrapped)
     env.reset(seed=0)
     tracker = player._trackers.of(env.unwrapped)
-    over, plain = False, piano()
+    over = False
     while not over:
         scene, data = env.unwrapped.scene, env.unwrapped.data
         positions = scene.actuator_positions(data.qpos[scene.hand_qpos])
         action = env.action_for(tracker.controls(env.unwrapped.steps_played, positions))
         *_, over, info = env.step(action)
-    observation, _ = plain.reset(seed=0)
-    other, state, over = PlannedPianist(plain), None, False
-    while not over:
-        action, state = other.predict(observation, state)
-        observation, *_, over, told = plain.step(action)
+    plain = piano()
+    told = play_episode(plain, PlannedPianist(plain))
     assert info["f1"] == pytest.approx(told["f1"], abs=0.02)
     assert info["f1"] > 0.8
 

@@ -1,7 +1,5 @@
 """Episodes that are relabelled in hindsight: exactly what was played, and nothing lost."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import gymnasium as gym

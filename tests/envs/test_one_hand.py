@@ -1,7 +1,5 @@
 """Scenes with one hand, and one hand's part of a piece."""
 
-from __future__ import annotations
-
 import warnings
 
 import gymnasium as gym

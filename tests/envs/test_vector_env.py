@@ -1,7 +1,5 @@
 """``PianoVectorEnv`` gives what its environments and gymnasium's ``SyncVectorEnv`` give."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """The sight-reader on the command line, with the network of a run."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Players that look ahead without critics."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

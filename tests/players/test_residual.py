@@ -1,7 +1,5 @@
 """Corrections of a player: none plays as it does, others change what it does by so much."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

@@ -1,7 +1,5 @@
 """The sight-reader: the same network in NumPy as in torch, in every environment that it is for."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 

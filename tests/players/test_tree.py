@@ -1,7 +1,5 @@
 """The tree: who is tried, how often, and what is believed of it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

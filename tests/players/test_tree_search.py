@@ -1,7 +1,5 @@
 """Tree search in the piano: it goes back exactly, touches nothing, and plays."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

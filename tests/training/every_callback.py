@@ -1,7 +1,5 @@
 """One YAML file that has every callback on, for ``sb3-piano train`` and for stock RL Zoo."""
 
-from __future__ import annotations
-
 import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 

@@ -1,7 +1,5 @@
 """Environments and models are built as the config says."""
 
-from __future__ import annotations
-
 import os
 import signal
 

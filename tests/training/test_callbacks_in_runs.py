@@ -1,7 +1,5 @@
 """Callbacks in ``sb3-piano train``, where environment and folder are the run's, and in RL Zoo."""
 
-from __future__ import annotations
-
 import json
 
 import gymnasium as gym

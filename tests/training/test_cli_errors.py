@@ -1,7 +1,5 @@
 """Every command tells what is wrong in one line on stderr, and then has written nothing."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

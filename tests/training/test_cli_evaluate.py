@@ -1,7 +1,5 @@
 """``sb3-piano evaluate`` and ``compare``: what stands in their tables and files."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

@@ -1,7 +1,5 @@
 """``sb3-piano record`` and ``clone``: from a run to a data set, and from that to another run."""
 
-from __future__ import annotations
-
 import sys
 
 import gymnasium as gym

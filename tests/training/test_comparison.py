@@ -1,7 +1,5 @@
 """Two evaluations side by side, pair by pair."""
 
-from __future__ import annotations
-
 import csv
 import json
 

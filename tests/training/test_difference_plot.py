@@ -1,7 +1,5 @@
 """The picture of a comparison, as matplotlib's objects tell what is in it."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Evaluation measures what saved models play, and writes it down; one that fails stops no other."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import errno

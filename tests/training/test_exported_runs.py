@@ -1,7 +1,5 @@
 """Exported runs: what is in them, loading without pickles, folders that try to run code."""
 
-from __future__ import annotations
-
 import contextlib
 import pickle
 import resource

@@ -1,7 +1,5 @@
 """This package's own settings for learning a piece from nothing."""
 
-from __future__ import annotations
-
 import contextlib
 
 import pytest

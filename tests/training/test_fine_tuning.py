@@ -1,7 +1,5 @@
 """Trainings that correct the sight-reader on one piece: presets, the run's folder, the commands."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import shutil

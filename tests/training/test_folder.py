@@ -1,7 +1,5 @@
 """The folder of a run: what is in it, who may use it, and a disk that is full."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

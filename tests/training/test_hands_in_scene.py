@@ -1,7 +1,5 @@
 """Runs of pianos with one hand, and without hands."""
 
-from __future__ import annotations
-
 import pytest
 
 from sb3_piano.cli import main

@@ -1,7 +1,5 @@
 """The Hugging Face Hub: names, and a run that goes to a server of this machine, and back."""
 
-from __future__ import annotations
-
 import base64
 import fnmatch
 import hashlib

@@ -1,7 +1,5 @@
 """Runs that are killed or interrupted from outside, in a process of their own."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

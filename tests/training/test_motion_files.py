@@ -1,7 +1,5 @@
 """``evaluate --motion`` writes how everything moved, and it moves so again."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

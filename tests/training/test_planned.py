@@ -1,7 +1,5 @@
 """What plays without training: its runs, and ``sb3-piano play --planned``."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """A run's saved model plays what and where it is told to."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """The presets: every file has settings for every id, here and in the stock zoo alike."""
 
-from __future__ import annotations
-
 import argparse
 import re
 

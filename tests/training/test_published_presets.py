@@ -1,7 +1,5 @@
 """Presets of one publication each."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 from pathlib import Path

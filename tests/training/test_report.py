@@ -1,7 +1,5 @@
 """The report of a run: what its model plays, its training's log, where it comes from."""
 
-from __future__ import annotations
-
 import webbrowser
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A run's config is checked when it is made and survives YAML."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 from pathlib import Path

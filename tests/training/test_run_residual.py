@@ -1,7 +1,5 @@
 """Trainings that correct the model of another run."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import dataclasses

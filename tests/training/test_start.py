@@ -1,7 +1,5 @@
 """Trainings that start from what another run has learnt."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Statistics of a few numbers, each proved by another road."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a run or a piece plays comes out as MIDI, sound and video that agree."""
 
-from __future__ import annotations
-
 import re
 
 import av

@@ -1,7 +1,5 @@
 """Training, Ctrl-C, and going on from where it stopped."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

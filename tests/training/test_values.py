@@ -1,7 +1,5 @@
 """Values from YAML and RL Zoo's snippets fit their parameters, or are refused by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Hyperparameter files in RL Zoo's form, and the presets that come with the package."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

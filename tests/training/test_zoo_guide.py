@@ -1,7 +1,5 @@
 """The commands of docs/zoo.md do what it says, with a training of a few steps."""
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import re

@@ -1,7 +1,5 @@
 """``sb3-piano export web``: the files that the page in the browser is made of."""
 
-from __future__ import annotations
-
 import json
 import re
 import warnings

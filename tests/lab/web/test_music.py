@@ -1,7 +1,5 @@
 """Music in the page: MIDI files, hands and fingers, rolls and metrics are those of Python."""
 
-from __future__ import annotations
-
 import base64
 import warnings
 from pathlib import Path

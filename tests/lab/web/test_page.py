@@ -1,7 +1,5 @@
 """The page in a real browser: from a disk and from a server, by mouse, keyboard and touch."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

@@ -1,7 +1,5 @@
 """The sight-reader in the page: it reads, observes and acts as the one of Python does."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

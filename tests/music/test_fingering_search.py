@@ -97,13 +97,6 @@ def test_labels_go_before_the_outer_keys():
     assert numbers(cluster) == [1, 2, 0, 3, 0, 4, 5]
 
 
-def test_a_held_key_keeps_its_finger_from_the_others():
-    held = [note(0.0, 60, length=2.0), *(note(0.5 * i, p) for i, p in enumerate((64, 65, 67), 1))]
-    fingers = numbers(held)
-    assert fingers[0] not in fingers[1:]
-    assert not finger_hand(held, "right").released
-
-
 def test_a_key_held_out_of_reach_is_let_go():
     bass = [note(0.0, 36, length=2.0), note(0.5, 36 + WIDEST + 1)]
     assert finger_hand(bass, "right").released == {0}

@@ -1,5 +1,3 @@
-import warnings
-
 import mido
 import pretty_midi
 import pytest
@@ -130,12 +128,6 @@ class TestForeignFiles:
         )
         assert times(read_midi(path).pedals) == spans([Pedal(onset=1, offset=2.5)])
 
-    def test_a_tempo_outside_the_first_track_counts_and_warns_nobody(self, tmp_path):
-        path = save(tmp_path / "a.mid", [on(60), off(60, 500)], [tempo(2.0)])
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            assert times(read_midi(path).notes) == spans([note(0, 2)])
-
     def test_a_note_never_released_lasts_until_the_end_of_its_track(self, tmp_path):
         end = mido.MetaMessage("end_of_track", time=1500)
         path = save(tmp_path / "a.mid", [on(60), on(62, 500), off(62, 500), end])
@@ -178,16 +170,6 @@ class TestBars:
     )
     def test_go_by_meters_and_tempos_of_all_tracks(self, tracks, bars, tmp_path):
         assert read_midi(save(tmp_path / "a.mid", *tracks)).bars == pytest.approx(bars)
-
-    @pytest.mark.parametrize(
-        ("signature", "length"),
-        [((3, 4), 1.5), ((6, 8), 1.5), ((2, 2), 2), ((3, 8), 0.75), ((12, 8), 3), ((7, 16), 0.875)],
-    )
-    def test_their_length_is_that_of_the_meter(self, signature, length, tmp_path):
-        path = save(tmp_path / "a.mid", [meter(*signature), *lasting(8000)])
-        bars = read_midi(path).bars
-        assert bars == pytest.approx([i * length for i in range(len(bars))])
-        assert 8 - length <= bars[-1] < 8
 
     def test_a_bar_that_is_no_whole_number_of_ticks_does_not_drift(self, tmp_path):
         path = save(tmp_path / "a.mid", [meter(7, 16), *lasting(7000)], ticks_per_beat=25)

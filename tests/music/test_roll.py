@@ -83,11 +83,6 @@ class TestGrid:
             roll = roll_of((start * dt, (start + 2) * dt), dt=dt)
             assert picture(roll) == "." * start + "X=."
 
-    def test_other_keys_are_untouched(self):
-        roll = roll_of((0, 2))
-        assert roll.active.sum() == 2
-        assert (np.delete(roll.finger, KEY, axis=1) == -1).all()
-
     def test_buffer_time_puts_silent_steps_in_front_of_notes_and_pedal(self):
         roll = roll_of((0, 0.1), pedals=[(0, 0.1)], dt=0.05, initial_buffer_time=0.1)
         assert picture(roll) == "..X=."

@@ -101,7 +101,7 @@ def test_practice_is_what_a_cell_starts_from(driver, tmp_path):
     assert last == tmp_path / "practice_seed_1" / "3_tempo_40"
     config = grid.cell("hidden", 1.0, last, 1, 40)
     job = grid.training("Hanon_hidden_1", tmp_path / "cell", config)
-    (outcome,) = grid.run_jobs([job], workers=1)
+    (outcome,) = grid.finish([job], workers=1)
     assert outcome.error is None
     assert {*grid.METRICS} <= {*outcome.result["metrics"]}
 

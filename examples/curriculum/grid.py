@@ -24,7 +24,7 @@ from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import Outcome, broken_told, map_jobs, open_executor, run_jobs
+from sb3_piano.jobs import Outcome, broken_told, finish, map_jobs, open_executor
 from sb3_piano.pipelines import load_curriculum, run_curriculum, training
 from sb3_piano.training import Plugin, RunConfig, load_config
 
@@ -71,7 +71,7 @@ def main() -> int:
                 for before, labels, weight in cells
                 for seed in arguments.seeds
             ]
-            outcomes = run_jobs(jobs, executor=executor, on_outcome=tell)
+            outcomes = finish(jobs, executor, on_outcome=tell)
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130

@@ -23,7 +23,7 @@ from cells import RUNS, SIGHT_READER, STUDY, Cell, Training, find_cells
 
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import RunError, SB3PianoError
-from sb3_piano.jobs import Outcome, run_jobs
+from sb3_piano.jobs import Outcome, finish
 from sb3_piano.pipelines import TrainingJob
 from sb3_piano.pipelines import training as training_job
 from sb3_piano.players import HandModel
@@ -55,7 +55,7 @@ def main() -> int:
         todo = [training for cell in cells for training in cell.trainings(arguments.seeds)]
         for wave in in_waves(todo):
             jobs = [job_of(training, arguments.runs, changed, bar) for training in wave]
-            outcomes = run_jobs(jobs, workers=workers, ray=arguments.ray, on_outcome=tell)
+            outcomes = finish(jobs, workers=workers, ray=arguments.ray, on_outcome=tell)
             failed += sum(outcome.error is not None for outcome in outcomes)
             for training, outcome in zip(wave, outcomes, strict=True):
                 if outcome.result is not None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from cells import RUNS, find_cells
 
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.jobs import Outcome, run_jobs
+from sb3_piano.jobs import Outcome, finish
 from sb3_piano.pipelines import training
 
 
@@ -49,7 +49,7 @@ def main() -> int:
             for seed in arguments.seeds
             for cell in find_cells(arguments.cells)
         ]
-        outcomes = run_jobs(jobs, workers=workers, ray=arguments.ray, on_outcome=tell)
+        outcomes = finish(jobs, workers=workers, ray=arguments.ray, on_outcome=tell)
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130

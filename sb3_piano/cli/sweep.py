@@ -47,9 +47,10 @@ def _sweep(arguments: argparse.Namespace) -> int:
     from sb3_piano.pipelines import load_sweep, sweep, sweep_status
 
     config = load_sweep(arguments.file)
-    folder = Path(arguments.run or Path("runs/sweeps", Path(arguments.file).stem))
-    if arguments.storage is not None:
-        shared_folder(arguments.storage)
+    default = Path("runs/sweeps", Path(arguments.file).stem)
+    for url in filter(None, (arguments.run, arguments.storage)):
+        shared_folder(url)
+    folder = Path(arguments.run or default)
     if arguments.status:
         _show(sweep_status(config, folder))
         return EXIT_OK

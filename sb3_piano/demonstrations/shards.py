@@ -20,9 +20,8 @@ from pydantic import TypeAdapter
 import sb3_piano
 from sb3_piano.demonstrations.dataset import DatasetWriter, dataset_folder, open_dataset
 from sb3_piano.exceptions import RunError, ScoreError, SimulationDivergedError
-from sb3_piano.files import read_json, write_json
-from sb3_piano.interrupts import StopRequest
-from sb3_piano.jobs import Job, Outcome, finish, status
+from sb3_piano.files import read_json
+from sb3_piano.jobs import Job, finish, status
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -165,17 +164,15 @@ class _Making(Job):
 
     shard: ShardJob
 
+    @property
+    def result_file(self) -> Path:
+        """The manifest."""
+        return self.shard.manifest_file
+
     def result(self) -> Mapping[str, Any] | None:
         """Return the manifest of a data set that is there, whole and of the same settings."""
         found = find_shard(self.shard)
         return None if found is None else dataclasses.asdict(found)
-
-    def begin(self) -> None:
-        """Do nothing: the manifest tells the settings."""
-
-    def keep(self, result: Mapping[str, Any]) -> None:
-        """Write the manifest."""
-        write_json(self.shard.manifest_file, result)
 
 
 def making(shards: Sequence[ShardJob]) -> list[Job]:
@@ -188,7 +185,6 @@ def making(shards: Sequence[ShardJob]) -> list[Job]:
 def make_missing(
     executor: Executor,
     shards: Sequence[ShardJob],
-    request: StopRequest | None = None,
     tell: Callable[[int, int], object] = lambda done, total: None,
     go_on: str = "give the same command again.",
 ) -> list[Shard]:
@@ -197,25 +193,19 @@ def make_missing(
     Args:
         executor: Makes them.
         shards: What is to be there.
-        request: Ends the work when it is made.
         tell: Is told how many are done, and of how many.
         go_on: How to go on when a worker died.
 
     Raises:
         Exception: What the first one raised that could not be made, once the others are.
-        KeyboardInterrupt: If the request is made.
+        KeyboardInterrupt: If it was interrupted.
     """
     jobs = making(shards)
     known = status(jobs)
-    done = sum(one.result is not None for one in known)
-    tell(done, len(jobs))
-
-    def told(outcome: Outcome) -> None:
-        nonlocal done
-        done += 1
-        tell(done, len(jobs))
-
-    outcomes = finish(jobs, executor, known=known, request=request, on_outcome=told, go_on=go_on)
+    tell(sum(one.result is not None for one in known), len(jobs))
+    outcomes = finish(
+        jobs, executor, known=known, on_outcome=lambda _, *done: tell(*done), go_on=go_on
+    )
     for outcome in outcomes:
         if outcome.error is not None:
             raise outcome.error

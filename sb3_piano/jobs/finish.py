@@ -1,83 +1,90 @@
-"""Bringing jobs to their end: each after those it needs, wherever an executor does them."""
+"""Bringing jobs to their end: each after those it needs, wherever they are done."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import nullcontext
 from typing import Any
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.interrupts import StopRequest
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.job import Job, Outcome, status
 from sb3_piano.jobs.mapping import LOOK_EVERY
+from sb3_piano.jobs.opening import open_executor
 from sb3_piano.jobs.pool import explain_worker_death
 
 
 def finish(
     jobs: Sequence[Job],
-    executor: Executor,
+    executor: Executor | None = None,
     *,
+    workers: int | None = None,
+    ray: str | None = None,
+    resources: Resources = Resources(),  # noqa: B008 - frozen
     known: Sequence[Outcome] | None = None,
-    request: StopRequest | None = None,
     on_begin: Callable[[Job], object] = lambda job: None,
-    on_outcome: Callable[[Outcome], object] = lambda outcome: None,
+    on_outcome: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
     go_on: str = "give the same command again.",
 ) -> list[Outcome]:
     """Do all jobs that are not done; return what came of each, in their order.
 
     A job that is done is left as it is, one that had stopped goes on, and one that fails, or whose
-    process dies, stops only those that need it. Jobs that run when the request is made get SIGTERM
-    when the block of their executor ends; what they have saved is gone on with by the same call.
+    process dies, stops only those that need it. After Ctrl-C or SIGTERM none begins any more; those
+    that run save what they have and end with their executor. The same call goes on.
 
     Args:
         jobs: What is to be done; names differ, and a job comes after those it needs.
-        executor: Does them, where it sees their folders by the same paths.
+        executor: Does them, where it sees their folders by the same paths; by default what the
+            next three say, see :func:`~sb3_piano.jobs.open_executor`.
+        workers: Processes on this machine.
+        ray: Address of a cluster of Ray.
+        resources: What a job needs, on a cluster.
         known: What :func:`~sb3_piano.jobs.status` says of the jobs, where that is known already.
-        request: Ends the work when it is made.
         on_begin: Is called with each job before it is handed to the executor.
-        on_outcome: Is called with what came of each job that was not done before.
+        on_outcome: Is called with what came of each job that was not done before, and how many of
+            how many have come to an end.
         go_on: How to go on when a worker died.
 
     Raises:
-        KeyboardInterrupt: If the request is made.
+        ConfigError: If ``workers`` is out of range, or the cluster cannot be reached.
+        KeyboardInterrupt: If it was interrupted.
         RunError: If a folder was begun with other settings.
     """
     outcomes = {one.job.name: one for one in (status(jobs) if known is None else known)}
     left = {job.name: job for job in jobs if outcomes[job.name].result is None}
-    for job in jobs:
-        if job.settings_file.is_file():
-            job.begin()
+    for job in filter(Job.has_begun, jobs):
+        job.begin()
     running: dict[Future[Any], Job] = {}
 
     def note(outcome: Outcome) -> None:
         outcomes[outcome.job.name] = outcome
-        on_outcome(outcome)
+        on_outcome(outcome, len(jobs) - len(left) - len(running), len(jobs))
 
-    try:
-        while left or running:
-            for job in _ready(left, running):
-                failed = [name for name in job.needs if outcomes[name].error is not None]
-                if failed:
-                    del left[job.name]
-                    note(Outcome(job=job, error=RunError(f"It needs {failed[0]!r}, which failed.")))
-                    continue
-                on_begin(job)
-                _check(request)
-                del left[job.name]
-                running[executor.submit(Job.do, job)] = job
-            done = wait(running, LOOK_EVERY, FIRST_COMPLETED).done
-            for future in [one for one in running if one in done]:
-                note(_outcome(running.pop(future), future, go_on))
-            _check(request)
-    finally:
-        for future in running:
-            future.cancel()
+    chosen = open_executor(workers, ray, resources) if executor is None else nullcontext(executor)
+    with stop_on_signal() as request, chosen as opened:
+        try:
+            while left or running:
+                for job in _ready(left, running):
+                    failed = [name for name in job.needs if outcomes[name].error is not None]
+                    if failed:
+                        error = RunError(f"It needs {failed[0]!r}, which failed.")
+                        note(Outcome(job=left.pop(job.name), error=error))
+                        continue
+                    on_begin(job)
+                    if request.made:
+                        raise KeyboardInterrupt
+                    running[opened.submit(Job.do, job)] = left.pop(job.name)
+                done = wait(running, LOOK_EVERY, FIRST_COMPLETED).done
+                for future in [one for one in running if one in done]:
+                    note(_outcome(running.pop(future), future, go_on))
+                if request.made and (left or running):
+                    raise KeyboardInterrupt
+        finally:
+            for future in running:
+                future.cancel()
     return list(outcomes.values())
-
-
-def _check(request: StopRequest | None) -> None:
-    if request is not None and request.made:
-        raise KeyboardInterrupt
 
 
 def _ready(left: dict[str, Job], running: dict[Future[Any], Job]) -> list[Job]:

@@ -66,7 +66,7 @@ def begin_or_go_on(
     """
     place = file.parent
     try:
-        if file.is_file():
+        if file.is_file() and not is_empty(place):  # in which nothing was done yet
             known = load_yaml(file.read_text("utf-8")) if theirs is None else theirs
             check_same(known, ours, f"The {what} in '{place}'")
             return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import traceback
 from collections.abc import Callable, Iterable, Mapping
@@ -10,12 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from sb3_piano.exceptions import RunError, SB3PianoError
-from sb3_piano.files import write_json
+from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.files import read_json, write_json
 from sb3_piano.jobs.folders import SETTINGS, begin_or_go_on, is_empty
 from sb3_piano.locks import LOCK_SUFFIX, hold
-
-RESULT = "result.json"
 
 Work = Callable[[Any], Mapping[str, Any]]
 """Does a job, which it is called with, or the rest of it, and returns its result."""
@@ -51,34 +48,33 @@ class Job:
         """The file of the settings with which it was begun."""
         return self.folder / SETTINGS
 
+    def has_begun(self) -> bool:
+        """Return whether its settings were noted."""
+        return self.settings_file.is_file()
+
+    @property
+    def result_file(self) -> Path:
+        """The file of the result, which is written last."""
+        return self.folder / "result.json"
+
     def result(self) -> Mapping[str, Any] | None:
         """Return what came of it, or ``None`` if it is not done.
 
         Raises:
             RunError: If the file is damaged.
         """
-        file = self.folder / RESULT
-        try:
-            found: Mapping[str, Any] = json.loads(file.read_bytes())
-        except FileNotFoundError:
-            return None
-        except ValueError as error:
-            raise RunError(
-                f"'{file}' cannot be read ({error}): delete it, and it is made again."
-            ) from error
-        return found
-
-    def keep(self, result: Mapping[str, Any]) -> None:
-        """Note that it is done, and what came of it."""
-        write_json(self.folder / RESULT, result)
+        return read_json(self.result_file, dict[str, Any], "delete it, and it is made again.")
 
     def begin(self) -> None:
         """Note the settings in a new folder, or compare them with those of one that was begun.
 
+        Without settings nothing is noted.
+
         Raises:
             RunError: If they differ, or something else is in the folder.
         """
-        begin_or_go_on(self.settings_file, f"{self.kind} {self.name!r}", self.settings)
+        if self.settings:
+            begin_or_go_on(self.settings_file, f"{self.kind} {self.name!r}", self.settings)
 
     def progress(self) -> tuple[int, int] | None:
         """Return how much is done, and of how much, also while it is being done, if it knows."""
@@ -96,7 +92,7 @@ class Job:
             self.begin()
             try:
                 found = self.work(self)
-                self.keep(found)
+                write_json(self.result_file, found)
             except Exception:  # what has not begun may have other settings the next time
                 if self.folder.is_dir() and is_empty(self.folder):
                     shutil.rmtree(self.folder, ignore_errors=True)
@@ -140,7 +136,7 @@ class Outcome:
         done = self.job.progress()
         if done is not None and done[0]:
             return f"{done[0]} of {done[1]} steps"
-        return "begun" if self.job.settings_file.is_file() else "not begun"
+        return "begun" if self.job.has_begun() else "not begun"
 
 
 def status(jobs: Iterable[Job]) -> list[Outcome]:

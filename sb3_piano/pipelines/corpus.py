@@ -99,7 +99,7 @@ def record_corpus(
     _check_players(config)
     owned = hold(place / LOCK_SUFFIX, f"'{place}' is being worked in", "one recording in a folder.")
     pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
-    with owned, stop_on_signal() as request:
+    with owned, stop_on_signal():
         inputs = _inputs(config)
         settings = {**config.to_mapping(), "files": inputs}
         begin_or_go_on(place / _CONFIG, "corpus", settings, notes=provenance(config.seed))
@@ -112,9 +112,7 @@ def record_corpus(
         again = f"give the same command again, for {shlex.quote(str(place))}"
         try:
             with pool as chosen:
-                shards = make_missing(
-                    chosen, _shards(config, inputs, place), request, tell, go_on=again
-                )
+                shards = make_missing(chosen, _shards(config, inputs, place), tell, again)
         except KeyboardInterrupt:
             return None
         if not any(shard.steps for shard in shards):

@@ -16,11 +16,10 @@ import numpy as np
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import read_json, write_yaml
+from sb3_piano.files import read_json, write_json, write_yaml
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs import Here, Job, finish, is_empty
-from sb3_piano.jobs.folders import unwritable
-from sb3_piano.links import keep_inside
+from sb3_piano.jobs.folders import shared_folder, unwritable
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.pipelines.fit import check_fit
 from sb3_piano.pipelines.stages import CURRICULUM_FILE, Curriculum, Stage, load_curriculum
@@ -144,14 +143,13 @@ def run_curriculum(
     if seed is not None:
         curriculum = dataclasses.replace(curriculum, seed=seed)
     place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)
+    shared_folder(folder or place)
     options = {"progress_bar": progress_bar, "checkpoint_every": checkpoint_every}
-    with _owned(place), stop_on_signal() as request:
+    with _owned(place), stop_on_signal():
         jobs = _begin(place, curriculum, options)
         had_finished = all(job.result() is not None for job in jobs)
         with contextlib.suppress(KeyboardInterrupt):  # which the result tells
-            outcomes = finish(
-                jobs, Here(), request=request, on_begin=lambda job: on_stage(_progress(job))
-            )
+            outcomes = finish(jobs, Here(), on_begin=lambda job: on_stage(_progress(job)))
             for outcome in outcomes:
                 if outcome.error is not None:
                     raise outcome.error
@@ -223,7 +221,7 @@ def _begin(place: Path, curriculum: Curriculum, options: Mapping[str, Any]) -> l
     if file.is_file():
         stored = load_curriculum(place)
         _adopt_former(place, _jobs(place, stored, {}))
-        names = [name for name in stored.run_names if (place / name / "job.yml").is_file()]
+        names = [name for name in stored.run_names if RunFolder(place / name).has_begun]
         begun = len(names)
         if curriculum.seed is None:
             curriculum = dataclasses.replace(curriculum, seed=stored.seed)
@@ -273,14 +271,14 @@ def _adopt_former(place: Path, jobs: Sequence[StageJob]) -> None:
         EndWhenMet(None, job.folder).note(stage.evaluations)
         saved = steps_of(job.folder) if run.checkpoint_dir.is_dir() else stage.num_timesteps
         if stage.ended_by is not None and saved >= stage.num_timesteps:
-            job.keep({"num_timesteps": stage.num_timesteps, "ended_by": stage.ended_by})
+            result = {"num_timesteps": stage.num_timesteps, "ended_by": stage.ended_by}
+            write_json(job.result_file, result)
         write_yaml(job.settings_file, job.settings)
 
 
 @contextlib.contextmanager
 def _owned(place: Path) -> Iterator[None]:
     """Keep other processes from training in a curriculum's folder; leave none that is empty."""
-    keep_inside(place)
     busy = f"The curriculum in '{place}' is being trained"
     expected = (
         f"one process in a folder. Wait for its end or stop it; then go on with: {go_on(place)}"

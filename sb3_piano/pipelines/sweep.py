@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import load_yaml, write_csv, write_yaml
-from sb3_piano.jobs import Outcome, Resources, is_empty, run_jobs, status
+from sb3_piano.jobs import Outcome, Resources, finish, is_empty, status
 from sb3_piano.jobs.folders import shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.pipelines.grid import SweepConfig
@@ -84,9 +84,9 @@ def sweep(
 
         interrupted = False
         try:
-            run_jobs(
+            finish(
                 jobs,
-                executor=executor,
+                executor,
                 workers=workers,
                 ray=ray,
                 resources=Resources(**config.resources),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,8 +11,7 @@ from typing import Any, ClassVar
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks.checkpoint import CHECKPOINT_FILE, DEFAULT_EVERY
-from sb3_piano.exceptions import RunError
-from sb3_piano.files import write_json, write_yaml
+from sb3_piano.files import read_json, write_json, write_yaml
 from sb3_piano.jobs import Job
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
@@ -138,12 +136,4 @@ def known_metrics(
 
 def _read(file: Path) -> dict[str, Any]:
     """Return what a file of a run holds; nothing if there is none."""
-    try:
-        found: dict[str, Any] = json.loads(file.read_bytes())
-    except FileNotFoundError:
-        return {}
-    except ValueError as error:
-        raise RunError(
-            f"'{file}' cannot be read ({error}): delete it, and it is made again."
-        ) from error
-    return found
+    return read_json(file, dict[str, Any], "delete it, and it is made again.") or {}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import Job, finish, open_executor
+from sb3_piano.jobs import Job, finish
 
 STEPS = 60
 
@@ -71,8 +71,7 @@ def log(folder: Path) -> list[tuple[str, int, int]]:
 def main(folder: Path) -> int:
     """Do the jobs in two processes; return the status of a command."""
     try:
-        with stop_on_signal() as request, open_executor(2) as executor:
-            outcomes = finish(jobs_in(folder), executor, request=request)
+        outcomes = finish(jobs_in(folder), workers=2)
     except KeyboardInterrupt:
         return 130
     for outcome in outcomes:

@@ -16,7 +16,6 @@ import pytest
 from counting import STEPS, die, jobs_in, log, refuse
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.interrupts import StopRequest
 from sb3_piano.jobs import Here, Job, finish, process_pool, ray_executor, status
 
 DEADLINE = 120  # s; starting a process takes long where others are at work
@@ -141,7 +140,7 @@ def test_workers_that_still_import_end_with_a_parent_that_is_killed(tmp_path):
 
 def test_a_job_that_fails_stops_only_those_that_need_it(tmp_path):
     told = []
-    found = finish(jobs_in(tmp_path, refuse), Here(), on_outcome=told.append)
+    found = finish(jobs_in(tmp_path, refuse), Here(), on_outcome=lambda *one: told.append(one))
     assert [outcome.state for outcome in found] == ["failed", "finished", "failed", "failed"]
     assert found[0].reason == "steps is 60: expected fewer."
     assert isinstance(found[0].error, ConfigError)
@@ -149,7 +148,9 @@ def test_a_job_that_fails_stops_only_those_that_need_it(tmp_path):
         "It needs 'a', which failed.",
         "It needs 'c', which failed.",
     ]
-    assert [outcome.job.name for outcome in told] == ["a", "b", "c", "d"]
+    assert [(one.job.name, *done) for one, *done in told] == [
+        (name, number, 4) for number, name in enumerate("abcd", start=1)
+    ]
     assert not (tmp_path / "a").exists()  # so that it may have other settings
     assert [one.state for one in finish(jobs_in(tmp_path), Here())] == ["finished"] * 4
     assert_done(tmp_path)
@@ -183,6 +184,13 @@ def test_other_settings_than_those_of_before_are_refused_and_the_first_is_named(
     assert finish([job], Here())[0].result == {"steps": STEPS}
 
 
+def test_what_has_only_its_settings_may_have_others(tmp_path):
+    (job, *_) = jobs_in(tmp_path)
+    job.begin()
+    (found,) = finish([Job(**{**vars(job), "settings": {"steps": 10}})], Here())
+    assert found.result == {"steps": 10}
+
+
 def interrupt(job):
     (job.folder / "begun").touch()
     raise KeyboardInterrupt
@@ -200,7 +208,7 @@ def test_a_folder_with_anything_else_is_refused_and_left_alone(tmp_path):
 def test_the_status_says_how_far_each_is_also_meanwhile(tmp_path):
     states = []
 
-    def look(outcome):
+    def look(*_):
         states.append([one.state for one in status(jobs_in(tmp_path))])
 
     finish(jobs_in(tmp_path), Here(), on_outcome=look)
@@ -224,15 +232,16 @@ def test_a_second_process_waits_for_the_first_and_does_not_do_it_again(tmp_path)
     assert len(log(tmp_path)) == 1
 
 
-def test_no_job_begins_after_the_request(tmp_path):
-    request, begun = StopRequest(), []
+def test_no_job_begins_after_a_signal(tmp_path):
+    begun = []
 
     def begin(job):
         begun.append(job.name)
-        request.made = len(begun) == 2
+        if job.name == "b":
+            signal.raise_signal(signal.SIGTERM)
 
     with pytest.raises(KeyboardInterrupt):
-        finish(jobs_in(tmp_path), Here(), request=request, on_begin=begin)
+        finish(jobs_in(tmp_path), Here(), on_begin=begin)
     assert begun == ["a", "b"]
     assert [name for name, _, _ in log(tmp_path)] == ["a"]
 

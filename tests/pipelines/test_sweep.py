@@ -185,9 +185,15 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
         sweep(changed, place, executor=Here())
 
 
-def test_a_folder_is_no_url():
-    with pytest.raises(ConfigError, match="'s3://b/s': expected a path of a file system that all"):
+@pytest.mark.parametrize("option", ["--run", "--storage"])
+def test_a_folder_is_no_url(tmp_path, capsys, option):
+    told = "The folder is 's3://b/s': expected a path of a file system that all machines see"
+    with pytest.raises(ConfigError, match=told):
         sweep(SweepConfig(**SHORT), "s3://b/s")
+    file = tmp_path / "grid.yml"
+    file.write_text(yaml.safe_dump({"envs": ["Pendulum-v1"]}))
+    assert main(["sweep", str(file), option, "s3://b/s"]) == 2
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +30,7 @@ from sb3_piano.lab.distillation.improvement import improve, improvement_run
 from sb3_piano.lab.distillation.rollout import hands_env
 from sb3_piano.lab.distillation.rounds import (
     DATA,
+    Make,
     Progress,
     RoundResult,
     Rounds,
@@ -129,7 +130,7 @@ def distill(
             pass  # what is wrong with it is better told now than by a worker
         hands_env(config.evaluation.physics).close()
     names = [round_name(number) for number in range(len(config.rounds))]
-    improvements: dict[str, Callable[[Path], Mapping[str, str]]] = {}
+    improvements: dict[str, Make] = {}
     for number in range(len(config.improvements)):
         start = weights_file(place.absolute(), names[-1])
         run = improvement_run(config, number, start, num_threads)
@@ -152,12 +153,9 @@ def distill(
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
         with pool as chosen, broken_told(go_on(place)):
             work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
-            jobs = [
-                work.job(number, name, before, improvements.get(name))
-                for number, (before, name) in enumerate(zip([None, *names], names, strict=False))
-            ]
+            jobs = [work.job(n, name, improvements.get(name)) for n, name in enumerate(names)]
 
-            def tell(outcome: Outcome) -> None:
+            def tell(outcome: Outcome, *done: int) -> None:
                 if outcome.error is not None:
                     raise outcome.error
                 rounds.append(RoundResult(**(outcome.result or {})))
@@ -169,7 +167,7 @@ def distill(
                 if one.result is not None:
                     tell(one)
             try:
-                finish(jobs, Here(), known=known, request=request, on_outcome=tell)
+                finish(jobs, Here(), known=known, on_outcome=tell)
             except KeyboardInterrupt:
                 interrupted = True
     weights = place / FILE_NAME if rounds else None

@@ -23,7 +23,6 @@ from sb3_piano.demonstrations.corpus import RecordedCorpus
 from sb3_piano.demonstrations.shards import Shard, make_missing
 from sb3_piano.demonstrations.streaming import Rows, ShuffledRows
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import StopRequest
 from sb3_piano.jobs import Item, Job, Result, map_jobs
 from sb3_piano.lab.distillation.config import DistillConfig
@@ -45,6 +44,9 @@ DATA = "data"
 
 Progress = Callable[[str, int, int], object]
 """Is called with what is being done, how much of it is done, and of how much."""
+
+Make = Callable[[Path], Mapping[str, str]]
+"""Writes a network's file if it is not there; returns what it had to skip."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,34 +78,21 @@ class NetworkJob(Job):
     Its files stand beside its folder, which only an improvement has.
     """
 
-    make: Callable[[Path], Mapping[str, str]]
+    make: Make
 
     @property
     def weights(self) -> Path:
         """The network's file."""
         return weights_file(self.folder.parent, self.name)
 
-    def found(self) -> RoundResult | None:
-        """Return the result, if it is judged and there.
-
-        Raises:
-            RunError: If the file of the result is damaged.
-        """
-        again = "delete it, and it is made again."
-        done = read_json(self.folder.with_name(f"{self.name}.json"), RoundResult, again)
-        return done if self.weights.is_file() else None
+    @property
+    def result_file(self) -> Path:
+        """The file of its :class:`RoundResult`."""
+        return self.folder.with_name(f"{self.name}.json")
 
     def result(self) -> Mapping[str, Any] | None:
-        """Return :meth:`found` as a mapping."""
-        done = self.found()
-        return None if done is None else dataclasses.asdict(done)
-
-    def begin(self) -> None:
-        """Do nothing: the settings are those of the distillation."""
-
-    def keep(self, result: Mapping[str, Any]) -> None:
-        """Write the result beside the network."""
-        write_json(self.folder.with_name(f"{self.name}.json"), result)
+        """Return its :class:`RoundResult` as a mapping; ``None`` without the network."""
+        return super().result() if self.weights.is_file() else None
 
 
 class Rounds:
@@ -132,30 +121,10 @@ class Rounds:
         self._shards: dict[int, list[Shard]] = {}
         self._recorded = recorded_of(config)
 
-    def job(
-        self,
-        number: int,
-        name: str,
-        before: str | None,
-        make: Callable[[Path], Mapping[str, str]] | None = None,
-    ) -> NetworkJob:
-        """Return the job of a network, which is made and judged.
-
-        Args:
-            number: Which it is, from 0.
-            name: What it is called.
-            before: The network from which it begins, or that plays; none of the first.
-            make: Writes the network's file if it is not there, and returns what it had to skip; by
-                default the training of a round.
-        """
-        make = partial(self._train, number) if make is None else make
-        return NetworkJob(
-            name=name,
-            folder=self._place / name,
-            work=self._judged,
-            needs=() if before is None else (before,),
-            make=make,
-        )
+    def job(self, number: int, name: str, make: Make | None = None) -> NetworkJob:
+        """Return the job of a network, by default of a round, which is made and judged."""
+        make = make or partial(self._train, number)
+        return NetworkJob(name=name, folder=self._place / name, work=self._judged, make=make)
 
     def _judged(self, job: NetworkJob) -> Mapping[str, Any]:
         """Make a network and judge it; return the :class:`RoundResult` as a mapping."""
@@ -186,9 +155,7 @@ class Rounds:
         learner = weights_file(self._place, round_name(number - 1)) if number > 0 else None
         jobs = shard_jobs(self._config, number, learner, self._place / DATA)
         text = f"{round_name(number)}: playing, shards"
-        self._shards[number] = make_missing(
-            self._executor, jobs, self._request, partial(self._tell, text)
-        )
+        self._shards[number] = make_missing(self._executor, jobs, partial(self._tell, text))
         return self._shards[number]
 
     def _rows(self, last: int) -> ShuffledRows:

@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
+from short_scores import score_of
 from stable_baselines3.common.env_checker import check_env as sb3_check
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -22,10 +23,7 @@ from sb3_piano.wrappers import HandActions, HandReward, RandomPiece
 SCALE = "debug-CMajorScaleTwoHands"
 SIDES = ("right", "left")
 OTHER = {"right": "left", "left": "right"}
-UNLABELLED = Score(
-    notes=[Note(onset=0.0, offset=0.5, pitch=pitch) for pitch in (40, 52, 64, 76)],
-    title="unlabelled",
-)
+UNLABELLED = score_of(*((0.0, 0.5, pitch) for pitch in (40, 52, 64, 76)), title="unlabelled")
 
 
 def labelled(*hands):
@@ -185,9 +183,7 @@ class TestNotes:
         rows = ["onset,pitch,finger", *(f"{i},{60 + i},{i + 5 * (i % 2)}" for i in range(4))]
         labels = tmp_path / "labels.csv"
         labels.write_text("\n".join(rows))
-        score = Score(
-            notes=[Note(onset=i, offset=i + 1, pitch=60 + i) for i in range(4)], title="four"
-        )
+        score = score_of(*((i, i + 1, 60 + i) for i in range(4)), title="four")
         env = PianoEnv(score, fingering=str(labels), hands_in_scene=side)
         expected = {"right": [(60, 0), (62, 2)], "left": [(61, 6), (63, 8)]}[side]
         assert [(note.pitch, note.finger) for note in env.score.notes] == expected

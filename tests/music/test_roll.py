@@ -184,12 +184,7 @@ class TestRoll:
         ("end", "options", "error", "message"),
         [
             (1, {"dt": 0.0}, ConfigError, "control_timestep is 0.0: expected a"),
-            (
-                1,
-                {"initial_buffer_time": -0.1},
-                ConfigError,
-                "initial_buffer_time is -0.1: exp",
-            ),
+            (1, {"initial_buffer_time": -0.1}, ConfigError, "initial_buffer_time is -0.1: exp"),
             (1, {"initial_buffer_time": 1e6}, ConfigError, "initial_buffer_time is 1000000.0: exp"),
             (1_000_000, {}, ScoreError, "'etude' lasts 1e+06 s, too long for control steps"),
             (1e300, {}, ScoreError, "'etude' lasts 1e+300 s, too long for control steps"),

@@ -6,16 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 from episodes import play_episode
-from sampling_parts import (
-    HELD,
-    TUNE,
-    UNLABELLED,
-    WEAK,
-    make_env,
-    make_player,
-    make_search,
-    play,
-)
+from sampling_parts import HELD, TUNE, UNLABELLED, WEAK, make_env, make_player, make_search, play
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv
 

@@ -5,11 +5,12 @@ import warnings
 import numpy as np
 import pytest
 from episodes import play_episode
+from short_scores import score_of
 
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score, load_score, write_midi
+from sb3_piano.music import load_score, write_midi
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.planning.sampling import PredictiveSampling
 from sb3_piano.players import SightReader, TreeSearch, TreeSettings
@@ -19,14 +20,7 @@ from sb3_piano.training import evaluate
 from sb3_piano.training.playing.takes import plan_run, planner_config
 from sb3_piano.wrappers import Excerpt, HandActions
 
-TUNE = Score(
-    notes=[
-        Note(onset=0.1, offset=0.4, pitch=60, finger=0),
-        Note(onset=0.1, offset=0.4, pitch=48, finger=9),
-        Note(onset=0.4, offset=0.8, pitch=64, finger=2),
-    ],
-    title="tune",
-)
+TUNE = score_of((0.1, 0.4, 60, 0), (0.1, 0.4, 48, 9), (0.4, 0.8, 64, 2), title="tune")
 
 
 def piano(score=TUNE, **options):

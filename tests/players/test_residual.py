@@ -50,10 +50,7 @@ def played(env, choose):
 
 @pytest.mark.parametrize("observation", ["hands", "fingers"])
 def test_an_action_of_0_plays_exactly_as_the_sight_reader(observation, network):
-    alone, env = (
-        hands(TUNE, observation),
-        PlayerResidual(hands(TUNE, observation), model=network),
-    )
+    alone, env = (hands(TUNE, observation), PlayerResidual(hands(TUNE, observation), model=network))
     reader = SightReader(alone, network)
     for ours, its in zip(
         played(env, lambda _: np.zeros(SHAPE)),

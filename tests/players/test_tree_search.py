@@ -5,25 +5,18 @@ import numpy as np
 import pytest
 import torch
 from sb3_contrib import TQC, CrossQ
+from short_scores import score_of
 from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
-from sb3_piano.music import Note, Score
 from sb3_piano.players import PlayerResidual, TreeSearch, TreeSettings
 from sb3_piano.players.tree_search import PianoWorld, moment_of
 from sb3_piano.training import SavedPlayer, evaluate, load_config, play_run, train
 from sb3_piano.wrappers import HandActions, HandReward, PreviousActionReward
 
-TUNE = Score(
-    notes=[
-        Note(onset=0.1, offset=0.4, pitch=60, finger=0),
-        Note(onset=0.4, offset=0.7, pitch=62, finger=1),
-        Note(onset=0.7, offset=0.9, pitch=60, finger=0),
-    ],
-    title="tune",
-)
+TUNE = score_of((0.1, 0.4, 60, 0), (0.4, 0.7, 62, 1), (0.7, 0.9, 60, 0), title="tune")
 SMALL = TreeSettings(simulations=9, depth=4)
 
 

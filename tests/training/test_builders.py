@@ -9,10 +9,7 @@ import pytest
 from acting import VEC_ENVS
 from stable_baselines3 import TD3
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
-from stable_baselines3.common.vec_env import (
-    VecCheckNan,
-    VecNormalize,
-)
+from stable_baselines3.common.vec_env import VecCheckNan, VecNormalize
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError, RunError

@@ -53,10 +53,7 @@ def test_evaluation_in_a_run_has_the_runs_wrappers_and_normalisation(
 ):
     n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start
     folder = run_with(
-        vec_env=vec_env,
-        n_envs=n_envs,
-        normalize=True,
-        callback={F1: {"eval_freq": 50 // n_envs}},
+        vec_env=vec_env, n_envs=n_envs, normalize=True, callback={F1: {"eval_freq": 50 // n_envs}}
     ).folder
     assert scalars(folder, "eval/f1") == {50: 0.5, 100: 0.5}
     assert set(scalars(folder, "eval/mean_reward")) == {50, 100}

@@ -32,10 +32,7 @@ def folder(tmp_path, monkeypatch):
         ),
         ("train --env RoboPianist-v0 --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
         ("train --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
-        (
-            "train --env Ant-v2 --config small.yml",
-            "'Ant-v2' cannot be made with env_kwargs {}",
-        ),
+        ("train --env Ant-v2 --config small.yml", "'Ant-v2' cannot be made with env_kwargs {}"),
         ("train --env RoboPianst-v0", "Unknown environment 'RoboPianst-v0'. Did you mean 'Rob"),
         ("train --env RoboPianist-v0 --algo a2c", "No preset comes with this package for 'a2c'"),
         ("train --env RoboPianist-v0 --config no.yml", "'no.yml' cannot be read: No such file"),

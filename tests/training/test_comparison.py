@@ -217,10 +217,7 @@ def test_what_is_not_there_is_named(written, run_folder, tmp_path):
             '{"piece": "Scale", "episodes": [{"f1": 1}], "episode_seeds": []}',
             "1 episodes with 0 seeds",
         ),
-        (
-            '{"piece": "Scale", "episodes": [], "episode_seeds": []}',
-            "0 episodes with 0 seeds",
-        ),
+        ('{"piece": "Scale", "episodes": [], "episode_seeds": []}', "0 episodes with 0 seeds"),
     ],
 )
 def test_a_damaged_file_is_named(written, tmp_path, content, message):

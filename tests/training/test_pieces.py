@@ -171,10 +171,7 @@ def test_a_run_keeps_its_pieces_by_name_and_file(config, corpus):
     ("changes", "message"),
     [
         ({"env_id": "RoboPianist-scale-CMajor-v0"}, "pieces are given to 'RoboPianist-scale-CMaj"),
-        (
-            {"env_kwargs": {"score": "FurElise"}},
-            "the score 'FurElise': expected RoboPianist-v0",
-        ),
+        ({"env_kwargs": {"score": "FurElise"}}, "the score 'FurElise': expected RoboPianist-v0"),
         ({"env_kwargs": {"observation": "window"}}, "3 pieces are given with observation 'window'"),
         ({"pieces": ["nothing-*"]}, "No piece has a name like 'nothing-"),
         ({"pieces": 3}, "cannot be given as int"),

@@ -11,6 +11,7 @@ import numpy as np
 import pretty_midi
 import pytest
 import yaml
+from short_scores import score_of
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -19,42 +20,21 @@ from sb3_piano.callbacks import F1Callback
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
-from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
+from sb3_piano.music import read_midi, write_midi
 from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement
 from sb3_piano.planning.sampling import PredictiveSampling, SamplingNoise
 from sb3_piano.simulation import find_gl_backend
 from sb3_piano.training import PLANNERS, PlannedConfig, RunFolder, SavedPlayer, evaluate
 from sb3_piano.training.playing.player import run_to_record
-from sb3_piano.training.playing.takes import (
-    PLANNED_IN,
-    plan_run,
-    planner_config,
-    take_of_planner,
-)
+from sb3_piano.training.playing.takes import PLANNED_IN, plan_run, planner_config, take_of_planner
 
-TUNE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.45, pitch=76, finger=1),
-        Note(onset=0.5, offset=0.95, pitch=77, finger=2),
-        Note(onset=0.5, offset=1.0, pitch=48, finger=6),
-    ],
-    pedals=[Pedal(onset=0.2, offset=0.6)],
-    title="tune",
+TUNE = score_of(
+    (0.0, 0.45, 76, 1), (0.5, 0.95, 77, 2), (0.5, 1.0, 48, 6), pedals=[(0.2, 0.6)], title="tune"
 )
 # Some frames are lost on the way.
-LEAP = Score(
-    notes=[
-        Note(onset=0.25 * i, offset=0.25 * (i + 1), pitch=pitch, finger=finger)
-        for i, (pitch, finger) in enumerate([(60, 0), (72, 1), (60, 0)])
-    ]
-)
+LEAP = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 72, 1), (0.5, 0.75, 60, 0))
 # One finger cannot hold two keys a sixth apart.
-TOO_WIDE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.4, pitch=60, finger=0),
-        Note(onset=0.0, offset=0.4, pitch=84, finger=4),
-    ]
-)
+TOO_WIDE = score_of((0.0, 0.4, 60, 0), (0.0, 0.4, 84, 4))
 FAST = {"physics": "fast"}
 SHORTLY = ("--refine", "0.001")
 """A pass, most of which has no time for searching."""
@@ -261,14 +241,7 @@ def test_callbacks_evaluate_it_like_a_model(own, pianist, expected):
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
 # Without fingers.
-PLAIN = Score(
-    notes=[
-        Note(onset=0.0, offset=0.4, pitch=76),
-        Note(onset=0.0, offset=0.4, pitch=48),
-        Note(onset=0.45, offset=0.8, pitch=77),
-    ],
-    title="plain",
-)
+PLAIN = score_of((0.0, 0.4, 76), (0.0, 0.4, 48), (0.45, 0.8, 77), title="plain")
 ZERO_OPTIONS = ["--sampling", "2", "--nominal", "none", "--horizon", "2"]
 
 

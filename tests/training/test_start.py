@@ -11,14 +11,7 @@ from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.training import (
-    RunConfig,
-    RunFolder,
-    load_fine_tuning,
-    load_start,
-    resume,
-    train,
-)
+from sb3_piano.training import RunConfig, RunFolder, load_fine_tuning, load_start, resume, train
 
 ALGORITHMS = ("sac", "td3", "tqc", "ppo")
 

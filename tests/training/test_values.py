@@ -8,10 +8,7 @@ import torch
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training.configuration.names import full_name, import_name
-from sb3_piano.training.configuration.values import (
-    coerce,
-    parse_zoo_text,
-)
+from sb3_piano.training.configuration.values import coerce, parse_zoo_text
 
 RATE = float | Callable[[float], float]
 

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from acting import VEC_ENVS, act_at
 from fresh_python import run_python
+from short_scores import score_of
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
 
@@ -36,13 +37,7 @@ ENV_ID = "RoboPianist-v0"
 ROOM = "sb3_piano.wrappers"
 
 # C5, then E5, 0.2 s each. With the silence at its end, 9 control steps; in the stack 13.
-PIECE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.2, pitch=72, finger=0),
-        Note(onset=0.2, offset=0.4, pitch=76, finger=2),
-    ],
-    title="two notes",
-)
+PIECE = score_of((0.0, 0.2, 72, 0), (0.2, 0.4, 76, 2), title="two notes")
 STEPS, STACKED_STEPS = 9, 13
 PITCHES, STACKED_PITCHES = [72, 76], [75, 79]
 

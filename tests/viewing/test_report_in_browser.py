@@ -4,16 +4,9 @@ import numpy as np
 import pytest
 import torch
 from browser_tab import PHONE, Tab
-from report_parts import (
-    C4,
-    E4,
-    long_performance,
-    metrics_of,
-    resting,
-    three_notes,
-)
+from report_parts import C4, E4, long_performance, metrics_of, resting, three_notes
+from short_scores import score_of
 
-from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.training import RunConfig, train, write_report
 from sb3_piano.viewing.report import Curve, Report, report_html, score_html
 
@@ -115,13 +108,11 @@ def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(three_note
 
 
 def test_the_page_of_a_piece_shows_its_notes_their_fingers_and_the_pedal(tab, roll, tmp_path):
-    score = Score(
-        notes=[
-            Note(onset=0.5, offset=1.0, pitch=60, finger=0),
-            Note(onset=1.0, offset=1.5, pitch=64, finger=7),
-            Note(onset=2.0, offset=2.25, pitch=67),
-        ],
-        pedals=[Pedal(onset=0.5, offset=1.5)],
+    score = score_of(
+        (0.5, 1.0, 60, 0),
+        (1.0, 1.5, 64, 7),
+        (2.0, 2.25, 67),
+        pedals=[(0.5, 1.5)],
         title="<b>A piece</b>",
     )
     page = tmp_path / "piece.html"

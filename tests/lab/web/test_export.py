@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 from node_programs import WEB
+from short_scores import score_of
 
 from sb3_piano.cli.main import main
 from sb3_piano.envs import PianoEnv
@@ -17,7 +18,7 @@ from sb3_piano.lab.web import export_web, score_table
 from sb3_piano.lab.web.export import _named, _naming
 from sb3_piano.lab.web.performances import plan_file, rounded, sight_read
 from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
-from sb3_piano.music import Note, Score, load_score
+from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.players import TreeSettings
 from sb3_piano.simulation import compile_scene
@@ -25,11 +26,8 @@ from sb3_piano.training.playing.takes import PLANNED_IN
 from sb3_piano.viewing.stage import staged
 from sb3_piano.viewing.stage_files import stage_files
 
-SHORT = Score(
-    notes=[
-        Note(onset=0.4 * i, offset=0.4 * i + 0.3, pitch=pitch)
-        for i, pitch in enumerate([60, 64, 67, 72])
-    ],
+SHORT = score_of(
+    *((0.4 * i, 0.4 * i + 0.3, pitch) for i, pitch in enumerate([60, 64, 67, 72])),
     title="A broken chord",
 )
 
@@ -172,10 +170,7 @@ def test_a_plan_in_a_file_is_followed_as_in_python():
 
 
 def test_a_score_keeps_what_the_page_needs():
-    score = Score(
-        notes=[Note(onset=0.1, offset=0.2, pitch=60, finger=7), Note(onset=1, offset=2, pitch=62)],
-        title="two notes",
-    )
+    score = score_of((0.1, 0.2, 60, 7), (1, 2, 62), title="two notes")
     table = score_table(score)
     assert table["duration"] == 2
     assert [note["hand"] for note in table["notes"]] == [1, None]

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from node_programs import RefusedInputError
 from random_scores import FINGERS, HANDS, scores
+from short_scores import score_of
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.lab.music import generate_score
@@ -310,11 +311,8 @@ class TestRoll:
 class TestPiece:
     def test_it_begins_with_its_first_note_and_says_what_is_not_played(self, music):
         score = crowded(5, labels=False)
-        later = Score(
-            notes=[
-                Note(onset=note.onset + 0.33, offset=note.offset + 0.33, pitch=note.pitch)
-                for note in score.notes
-            ],
+        later = score_of(
+            *((note.onset + 0.33, note.offset + 0.33, note.pitch) for note in score.notes),
             title=score.title,
         )
         played = apply_fingering(later, "robot", TIMESTEP).trim_silence()

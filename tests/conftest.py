@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
@@ -16,6 +17,8 @@ from browser_tab import Tab
 from hypothesis import settings
 
 import sb3_piano  # noqa: F401  (first of all: MuJoCo must not be imported before it)
+
+gc.disable()  # until all tests are collected: nothing that is imported until then ever goes
 
 # No test sees the music that whoever runs it has imported.
 _data_folder = tempfile.TemporaryDirectory(prefix="sb3-piano-tests-")
@@ -109,6 +112,12 @@ def tell(record_property) -> Callable[[str], None]:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what takes longest: at the end no process of pytest waits for another's minute."""
     items.sort(key=lambda item: item.path.name != "test_site.py")
+
+
+def pytest_collection_finish() -> None:
+    """Never look again through the modules of the tests and what they import."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

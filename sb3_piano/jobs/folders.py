@@ -97,7 +97,7 @@ def _difference(name: str, theirs: Any, ours: Any) -> str | None:
         return None
     if isinstance(theirs, Mapping) and isinstance(ours, Mapping):
         for key in dict.fromkeys((*theirs, *ours)):
-            inner = f"{name}.{key}".lstrip(".")
+            inner = f"{name}.{key}" if name else str(key)
             found = _difference(inner, theirs.get(key), ours.get(key))
             if found is not None:
                 return found

@@ -21,6 +21,7 @@ from sb3_piano.jobs import (
     Outcome,
     begin_or_go_on,
     broken_told,
+    check_same,
     finish,
     process_pool,
     status,
@@ -163,9 +164,8 @@ def distill(
                 on_round(rounds[-1])
 
             known = status(jobs)
-            for one in known:
-                if one.result is not None:
-                    tell(one)
+            for one in (one for one in known if one.result is not None):
+                tell(one)
             try:
                 finish(jobs, Here(), known=known, on_outcome=tell)
             except KeyboardInterrupt:
@@ -201,16 +201,9 @@ def _check_files(place: Path, config: DistillConfig) -> None:
         files += files_of_a_run(RunFolder.open(config.teacher.name))
     found = {str(file): file_digest(file) for file in files}
     note = place / _FILES
-    if not note.is_file():
-        write_yaml(note, found)
-        return
-    noted = read_yaml_mapping(note)
-    for name in sorted({*noted, *found}):
-        if noted.get(name) != found.get(name):
-            raise RunError(
-                f"'{name}' is not what it was when the distillation in '{place}' was begun: "
-                "expected the same files, or a new folder."
-            )
+    if note.is_file():
+        check_same(read_yaml_mapping(note), found, f"The distillation in '{place}'")
+    write_yaml(note, found)
 
 
 def _write_results(place: Path, rounds: Sequence[RoundResult], names: Sequence[str]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,10 @@ from sb3_piano.lab.distillation.config import DistillConfig
 from sb3_piano.lab.distillation.rollout import hands_env
 from sb3_piano.lab.distillation.rounds import Progress
 from sb3_piano.lab.music import CorpusExcerpt
+from sb3_piano.pipelines.training import train_to_end
 from sb3_piano.players import HandModel
 from sb3_piano.simulation import SIDES
-from sb3_piano.training import Plugin, RunConfig, load_config, resume, train
+from sb3_piano.training import Plugin, RunConfig, load_config
 from sb3_piano.training.configuration.plugins import with_arguments
 from sb3_piano.training.runs.folder import RunFolder
 
@@ -95,19 +95,10 @@ def improve(
     """
     folder = weights.with_suffix("")
     told = _Told(tell, weights.stem, config.improvements[number].n_timesteps)
-    if RunFolder(folder).has_begun:
-        result = resume(folder, callbacks=[told], progress_bar=False)
-    else:
-        shutil.rmtree(folder, ignore_errors=True)  # of one that was killed as it began
-        run = improvement_run(config, number, start, num_threads)
-        result = train(run, folder, callbacks=[told], progress_bar=False)
-    if result.interrupted:
-        raise KeyboardInterrupt
-    config_of_run = result.folder.read_config()
-    assert isinstance(config_of_run, RunConfig), "it was trained"
-    policy: Any = config_of_run.algorithm.load(result.folder.model_file, device="cpu").policy
-    steps = HandModel.load(start).facts.num_timesteps
-    steps += result.num_timesteps * policy.n_hands // len(SIDES)
+    run = improvement_run(config, number, start, num_threads)
+    played, _ = train_to_end(folder, run, [told], progress_bar=False)
+    policy: Any = run.algorithm.load(RunFolder(folder).model_file, device="cpu").policy
+    steps = HandModel.load(start).facts.num_timesteps + played * policy.n_hands // len(SIDES)
     with contextlib.closing(hands_env(config.playing.physics)) as env:
         HandModel.of(policy, env, steps).save(weights)
     return {}

@@ -252,17 +252,11 @@ def _begin(place: Path, curriculum: Curriculum, options: Mapping[str, Any]) -> l
     return jobs
 
 
-@dataclass(frozen=True)
-class _Former:
-    """Content of ``curriculum.json``."""
-
-    stages: tuple[StageProgress, ...] = ()
-
-
 def _adopt_former(place: Path, jobs: Sequence[StageJob]) -> None:
     """Take over the stages of a folder in which a former version began."""
-    noted = read_json(place / _FORMER, _Former, "expected the file that a curriculum wrote.")
-    by_name = {stage.name: stage for stage in (noted or _Former()).stages}
+    expected = "expected the file that a curriculum wrote."
+    noted = read_json(place / _FORMER, dict[str, tuple[StageProgress, ...]], expected) or {}
+    by_name = {stage.name: stage for stage in noted.get("stages", ())}
     for job in jobs:
         run = RunFolder(job.folder)
         if not run.has_begun or job.settings_file.is_file():

@@ -28,21 +28,15 @@ class StageEvaluation:
     """F1, onset F1 and the metrics of the stage's condition, by name; means over episodes."""
 
 
-@dataclass(frozen=True)
-class _Noted:
-    """Content of the file of a stage's evaluations."""
-
-    evaluations: tuple[StageEvaluation, ...] = ()
-
-
 def read_evaluations(folder: Path, until: int | None = None) -> tuple[StageEvaluation, ...]:
     """Return the evaluations of the stage in a folder, of its first ``until`` steps or all.
 
     Raises:
         RunError: If the file is damaged.
     """
-    noted = read_json(folder / _FILE, _Noted, "delete it: the stage is then evaluated anew.")
-    found = (noted or _Noted()).evaluations
+    again = "delete it: the stage is then evaluated anew."
+    noted = read_json(folder / _FILE, dict[str, tuple[StageEvaluation, ...]], again) or {}
+    found = noted.get("evaluations", ())
     return tuple(one for one in found if until is None or one.num_timesteps <= until)
 
 
@@ -69,7 +63,8 @@ class EndWhenMet(BaseCallback):
     def note(self, evaluations: Iterable[StageEvaluation]) -> None:
         """Keep evaluations in the folder."""
         self.evaluations = tuple(evaluations)
-        write_json(self._folder / _FILE, dataclasses.asdict(_Noted(self.evaluations)))
+        noted = {"evaluations": list(map(dataclasses.asdict, self.evaluations))}
+        write_json(self._folder / _FILE, noted)
 
     def _on_training_start(self) -> None:
         begun = self.num_timesteps > 0  # else it starts over

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -465,3 +466,19 @@ def test_numbers_out_of_range_are_refused(write, run, tmp_path, option):
     with pytest.raises(ConfigError, match=f"{option} is -1"):
         run(write(PENDULUM), **{option: -1})
     assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_a_former_version_is_gone_on_with(write, run):
+    """Which noted ends and evaluations in one file, and settings in ``curriculum.yml`` alone."""
+    result = run(write(PENDULUM, STOPPED, PENDULUM))
+    stages = [dataclasses.asdict(stage) for stage in result.stages[:2]]
+    (result.folder / "curriculum.json").write_text(json.dumps({"stages": stages}))
+    for name in ("job.yml", "result.json", "evaluations.json"):
+        for found in result.folder.glob(f"*/{name}"):
+            found.unlink()
+    before = content(result.runs[0].path)
+    with pytest.raises(RunError, match="has gamma None, not 0.5"):
+        run(write({**PENDULUM, "gamma": 0.5}, STOPPED, PENDULUM))
+    again = run(write(PENDULUM, STOPPED, PENDULUM))
+    assert [end[1:] for end in ends(again)] == [(60, "budget")] * 3
+    assert before.items() <= content(result.runs[0].path).items()

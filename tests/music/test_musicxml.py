@@ -112,10 +112,6 @@ def labels(score):
 
 
 class TestTime:
-    def test_a_quarter_lasts_half_a_second_until_there_is_a_tempo(self, read):
-        score = read(note("C4", 4) + tempo(60) + note("D4", 4) + tempo(240) + note("E4", 8))
-        assert played(score) == [(60, 0, 0.5), (62, 0.5, 1.5), (64, 1.5, 2.0)]
-
     @pytest.mark.parametrize(
         ("mark", "length"),
         [
@@ -151,14 +147,6 @@ class TestTime:
         assert read(words + metronome("quarter", 60) + note("C4", 4)).duration == 0.5
         score = read(note("C4", 16) + tempo(60), tempo(120) + note("D4", 4))
         assert played(score) == [(60, 0, 2), (62, 2, 2.5)]
-
-    def test_a_tempo_of_the_second_part_counts_for_both(self, read):
-        parts = {"A": part(note("C5", 8)), "B": part(note("C3", 4) + tempo(60) + note("C3", 4))}
-        assert played(read(parts=parts))[1] == (72, 0, 1.5)
-
-    def test_a_change_of_divisions_changes_no_length(self, read):
-        halved = "<attributes><divisions>2</divisions></attributes>"
-        assert played(read(note("C4", 16), halved + note("D4", 8))) == [(60, 0, 2), (62, 2, 4)]
 
     def test_a_part_without_divisions_has_those_of_another(self, read):
         halved = "<attributes><divisions>2</divisions></attributes>"

@@ -103,37 +103,31 @@ def test_the_pedal_follows_the_score():
     assert 0 < env.roll.sustain.sum() < len(env.roll)
 
 
-@pytest.mark.parametrize("goes_on", ["a new episode", "a state that was put back"])
-def test_a_change_is_gone_when_the_episode_went_elsewhere(goes_on):
+@pytest.mark.parametrize(
+    ("goes_on", "physics"),
+    [
+        ("a new episode", None),
+        ("a state that was put back", None),
+        ("rigid keys", None),
+        ("rigid keys", "reference"),
+    ],
+)
+def test_a_change_is_gone_when_the_episode_went_elsewhere(goes_on, physics):
     env = make_env()
-    player = make_player(env, samples=6)
+    player = make_player(env, samples=6, physics=physics)
     play(env, player, 2)
     state = env.get_state()
     play(env, player, 3)
-    if goes_on == "a new episode":
-        env.reset()
-    else:
+    if goes_on == "rigid keys":
+        env.fix_keys(20, 70)
+    if goes_on == "a state that was put back":
         env.set_state(state)
-    fresh = make_player(env, samples=6)
+    else:
+        env.reset()
+    fresh = make_player(env, samples=6, physics=physics)
     fresh._random = copy.deepcopy(player._random)
     observation = np.zeros(env.observation_space.shape)
     np.testing.assert_array_equal(player.predict(observation)[0], fresh.predict(observation)[0])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("physics", [None, "reference"])
-def test_keys_may_become_rigid(physics):
-    env = make_env()
-    player = make_player(env, physics=physics)
-    play(env, player, 2)
-    env.fix_keys(20, 70)
-    env.reset()
-    fresh = make_player(env, physics=physics)
-    fresh._random = copy.deepcopy(player._random)
-    state = env.get_state()
-    actions = play(env, player, 3)
-    env.set_state(state)
-    np.testing.assert_array_equal(actions, play(env, fresh, 3))
 
 
 def test_changes_to_the_model_are_simulated():

@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from episodes import play_episode
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.envs import PianoEnv
@@ -235,10 +236,6 @@ def test_the_network_that_is_shipped_plays_pieces_that_it_never_saw(piece):
     assert piece in HELD_OUT
     part = load_score(piece).excerpt(0.0, 8.0)
     env = PianoEnv(part, fingering="robot", reduced_action_space=False, initial_buffer_time=0.5)
-    player, over, state = make_player("sight-reader", env), False, None
-    observation, _ = env.reset(seed=0)
-    while not over:
-        action, state = player.predict(observation, state)
-        observation, _, _, over, info = env.step(action)
+    info = play_episode(env, make_player("sight-reader", env))
     assert info["f1"] > 0.85
     assert info["onset_f1"] > 0.6

@@ -42,15 +42,12 @@ def hue(color):
     return int(np.argmax(color[:3])), int(np.argmin(color[:3]))
 
 
-@pytest.mark.parametrize("alone", [False, True])
-def test_the_checks_of_gymnasium_and_of_sb3_pass(alone):
-    env = Pixels(piano(), alone=alone)
+def test_the_checks_of_gymnasium_and_of_sb3_pass(env):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*is different from the unwrapped version")
         gymnasium_check(env, skip_render_check=True)
         sb3_check(env)
-    env.close()
 
 
 def test_the_picture_stands_beside_the_vector(env):

@@ -16,7 +16,7 @@ from sb3_piano.envs import ObservationSpace, PianoEnv
 from sb3_piano.envs.encodings import FingerGoals
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import Note, Pedal, PianoRoll, Score, load_score
+from sb3_piano.music import Note, PianoRoll, Score
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
 
 # Steps 0-2: thumb on C4 (key 39), steps 1-1: left index finger on D#2 (key 18, black); steps 6-8:
@@ -57,35 +57,9 @@ def test_every_observation_passes_both_env_checkers_and_stays_in_its_space(
 # The window.
 
 
-@pytest.mark.slow
-def test_the_window_is_the_roll_without_the_keys_beside_it():
-    score = Score(
-        notes=load_score("CMajorScaleOneHand").notes, pedals=[Pedal(onset=0.5, offset=3.0)]
-    )
-    roll, window = (
-        PianoEnv(score, observation=name, randomize_hand_positions=True)
-        for name in ("roll", "window")
-    )
-    keys = KeyWindow.of(roll.roll, 3)
-    assert (keys.first, keys.last) == (48, 66)  # C5 to C6 and three on either side
-    layout, columns = keys.restrict(roll.observation_layout)
-    assert repr(layout) == repr(window.observation_layout)
-    assert window.observation_space.shape == (11 * 20 + 10 + 19 + 1 + 46,)
-    np.testing.assert_array_equal(
-        window.observation_space.high, roll.observation_space.high[columns]
-    )
-    roll.action_space.seed(0)
-    whole, _ = roll.reset(seed=0)
-    cut, _ = window.reset(seed=0)
-    truncated = False
-    while not truncated:
-        np.testing.assert_array_equal(cut, whole[columns])
-        action = roll.action_space.sample()
-        whole, *_ = roll.step(action)
-        cut, _, _, truncated, _ = window.step(action)
-
-
 def test_a_window_ends_with_the_keyboard_and_is_all_of_it_for_silence():
+    octave = PianoEnv("CMajorScaleOneHand").roll
+    assert KeyWindow.of(octave, 3) == KeyWindow(48, 66)  # C5 to C6 and three on either side
     lowest = Score(notes=[Note(onset=0.0, offset=0.1, pitch=22, finger=9)])
     assert KeyWindow.of(PianoRoll.from_score(lowest, 0.05), 3) == KeyWindow(0, 4)
     highest = Score(notes=[Note(onset=0.0, offset=0.1, pitch=108, finger=4)])

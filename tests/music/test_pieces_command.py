@@ -80,11 +80,9 @@ class TestImport:
         assert (status, message in err) == (2, True)
 
     @pytest.mark.slow
-    @pytest.mark.parametrize(
-        ("jobs", "moment"), [(1, "a piece is there"), (2, "a piece is there"), (2, "it has begun")]
-    )
+    @pytest.mark.parametrize("jobs", [1, 2])
     def test_ctrl_c_ends_it_with_status_130_and_it_goes_on_later(
-        self, run, tmp_path, data, ctrl_c, jobs, moment
+        self, run, tmp_path, data, ctrl_c, jobs
     ):
         """It reaches all processes, as from a terminal; none complains."""
         # The first piece is quick, all others together take seconds: Ctrl-C comes in between, also
@@ -101,16 +99,13 @@ class TestImport:
             text=True,
             env=dict(os.environ),
         ) as process:
-            wait_for(data / "pieces", "*.npz" if moment == "a piece is there" else ".lock")
-            if moment == "it has begun":
-                time.sleep(0.1)
+            wait_for(data / "pieces", "*.npz")
             os.killpg(process.pid, signal.SIGINT)
             err = process.communicate()[1]
         assert process.returncode == 130
         assert "interrupted" in err
         assert "Traceback" not in err
-        assert len(Library().names()) < 8
-        assert len(Library().names()) > 0 or moment == "it has begun"
+        assert 0 < len(Library().names()) < 8
         run("import", tmp_path / "many", "--jobs", "1")
         assert len(Library().names()) == 8
         assert not list((data / "pieces").glob("*.partial"))

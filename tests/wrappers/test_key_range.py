@@ -59,6 +59,7 @@ def test_the_range_of_the_piece_is_the_window_of_the_environment():
     window_env = PianoEnv("CMajorScaleOneHand", observation="window", physics="fast")
     env = KeyRange(PianoEnv("CMajorScaleOneHand", physics="fast"), "piece")
     assert repr(env.observation_layout) == repr(window_env.observation_layout)
+    assert env.observation_space == window_env.observation_space
     for window, cut in episode(window_env, env):
         np.testing.assert_array_equal(cut, window)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3.common.utils import set_random_seed
-from transitions import ACTIONS, SPACE, Play
+from transitions import ACTIONS, SPACE, Halves, Play
 
 from sb3_piano.buffers import CompactReplayBuffer, CyclingReplayBuffer
 
@@ -60,13 +60,6 @@ def test_of_one_environment_batches_are_those_of_a_compact_buffer():
 
 def test_rewards_are_normalised_as_those_of_a_compact_buffer(buffer):
     """SB3 hands the normaliser of the environments to ``sample``."""
-
-    class Halves:
-        def normalize_obs(self, observations):
-            return observations / 2
-
-        def normalize_reward(self, rewards):
-            return rewards / 2
 
     batch = buffer.sample(50, env=Halves())
     assert set(np.unique(batch.rewards)) == {row / 2 for row in range(3, 11)}

@@ -61,6 +61,16 @@ class Play:
         )
 
 
+class Halves:
+    """What SB3 hands to ``sample`` to normalise by."""
+
+    def normalize_obs(self, observations):
+        return observations / 2
+
+    def normalize_reward(self, rewards):
+        return rewards / 2
+
+
 def make_pair(
     capacity, n_envs=1, space=SPACE, actions=ACTIONS, kinds=(CompactReplayBuffer, ReplayBuffer)
 ):

@@ -19,26 +19,26 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_700,
+    "base": 1_690,
     "buffers": 660,
     "callbacks": 2_810,
-    "cli": 3_110,
+    "cli": 3_100,
     "demonstrations": 1_560,
-    "envs": 3_300,
+    "envs": 3_280,
     "hyperparams": 30,
     "interop": 240,
-    "jobs": 1_080,
-    "lab": 5_800,
-    "metrics": 1_100,
+    "jobs": 1_070,
+    "lab": 5_860,
+    "metrics": 1_020,
     "music": 8_760,
-    "pipelines": 1_840,
+    "pipelines": 1_830,
     "planning": 3_330,
-    "players": 1_700,
+    "players": 1_200,
     "policies": 1_580,
     "reading": 930,
     "simulation": 1_190,
     "training": 6_080,
-    "tuning": 2_400,
+    "tuning": 2_360,
     "vec_env": 490,
     "viewing": 2_330,
     "wrappers": 2_050,
@@ -51,9 +51,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_000, "modules": 316, "names": 406},
-    "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 45_600},
+    "core": {"lines": 47_520, "modules": 314, "names": 401},
+    "lab": {"lines": 5_860, "modules": 43, "names": 48},
+    "tests": {"lines": 45_000},
 }
 
 

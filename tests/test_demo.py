@@ -1,7 +1,5 @@
 """The demo: a piece planned, cloned and trained."""
 
-from __future__ import annotations
-
 import functools
 import re
 import runpy

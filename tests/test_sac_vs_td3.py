@@ -1,7 +1,5 @@
 """The cells of the study of SAC and TD3 are what their names say, and the driver runs them."""
 
-from __future__ import annotations
-
 import json
 import re
 import runpy

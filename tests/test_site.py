@@ -1,7 +1,5 @@
 """The site of the documentation is whole, asks for nothing elsewhere, and shows what there is."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import importlib

@@ -1,7 +1,5 @@
 """Jobs that are killed, interrupted, changed or fail: what is done stays, the rest goes on."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Processes of this machine that do jobs."""
 
-from __future__ import annotations
-
 import multiprocessing.util
 import os
 import threading

@@ -1,7 +1,5 @@
 """The command that trains curricula."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Corpora of seconds: the same whoever records them, gone on with, and learnt from in parts."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Curricula: their YAML files, their stages one after the other, and what stops them."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

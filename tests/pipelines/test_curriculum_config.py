@@ -1,7 +1,5 @@
 """YAML files of curricula: what they say, and what is refused in them."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Sweeps: cells are ordinary runs, begun, gone on with and judged wherever they are."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import dataclasses

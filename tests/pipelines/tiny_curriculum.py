@@ -1,7 +1,5 @@
 """What the tests of curricula share: tiny settings, and what is trained with them."""
 
-from __future__ import annotations
-
 import yaml
 
 SMALL = {

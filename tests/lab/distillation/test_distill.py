@@ -1,7 +1,5 @@
 """Distillations of a few seconds: what is learnt from, what is learnt, going on after a kill."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json

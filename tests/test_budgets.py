@@ -23,15 +23,15 @@ LINES = {
     "buffers": 660,
     "callbacks": 2_810,
     "cli": 3_100,
-    "demonstrations": 1_560,
+    "demonstrations": 1_550,
     "envs": 3_280,
     "hyperparams": 30,
     "interop": 240,
-    "jobs": 1_070,
-    "lab": 5_860,
+    "jobs": 1_030,
+    "lab": 5_800,
     "metrics": 1_100,
     "music": 8_760,
-    "pipelines": 1_830,
+    "pipelines": 1_810,
     "planning": 3_330,
     "players": 1_700,
     "policies": 1_580,
@@ -51,9 +51,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 47_520, "modules": 314, "names": 401},
-    "lab": {"lines": 5_860, "modules": 43, "names": 48},
-    "tests": {"lines": 45_000},
+    "core": {"lines": 47_430, "modules": 314, "names": 400},
+    "lab": {"lines": 5_800, "modules": 43, "names": 48},
+    "tests": {"lines": 44_400},
 }
 
 

@@ -203,7 +203,7 @@ def test_relabelled_episodes_have_an_f1_of_exactly_1(relabelled):
     pieces = [piece(steps, first, 50 + steps) for steps, first in ((5, 0), (17, 3), (30, 1))]
     original = Performances()
     model = collecting([lambda: HindsightFlag(Held(Played(RandomPiece(piano(), pieces))))])
-    while len(relabelled) < 80:
+    while len(relabelled) < 45:
         model.learn(500, callback=[HindsightCallback(), original], log_interval=10**6)
     sounded = [played for _, played in original.found if played.key_active.any()]
     assert len(sounded) == len(relabelled)

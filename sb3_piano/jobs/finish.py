@@ -7,7 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from contextlib import nullcontext
 from typing import Any
 
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.job import Job, Outcome, status
@@ -48,14 +48,14 @@ def finish(
         go_on: How to go on when a worker died.
 
     Raises:
-        ConfigError: If ``workers`` is out of range, or the cluster cannot be reached.
+        ConfigError: If a job needs none before it, ``workers`` is out of range, or the cluster
+            cannot be reached.
         KeyboardInterrupt: If it was interrupted.
         RunError: If a folder was begun with other settings.
     """
     outcomes = {one.job.name: one for one in (status(jobs) if known is None else known)}
     left = {job.name: job for job in jobs if outcomes[job.name].result is None}
-    for job in filter(Job.has_begun, jobs):
-        job.begin()
+    _check(jobs)
     running: dict[Future[Any], Job] = {}
 
     def note(outcome: Outcome) -> None:
@@ -85,6 +85,22 @@ def finish(
             for future in running:
                 future.cancel()
     return list(outcomes.values())
+
+
+def _check(jobs: Sequence[Job]) -> None:
+    """Refuse needs that no job before meets, names that are not unique, and other settings."""
+    before: set[str] = set()
+    for job in jobs:
+        unmet = sorted({*job.needs} - before)
+        if unmet or job.name in before:
+            said = f"needs {unmet[0]!r}" if unmet else "has the name of another"
+            raise ConfigError(
+                f"Job {job.name!r} {said}: expected names that differ, and needs that are the "
+                "names of jobs before it."
+            )
+        before.add(job.name)
+        if job.has_begun():
+            job.begin()
 
 
 def _ready(left: dict[str, Job], running: dict[Future[Any], Job]) -> list[Job]:

@@ -214,6 +214,16 @@ def test_the_status_says_how_far_each_is_also_meanwhile(tmp_path):
     assert states[-1] == ["finished"] * 4
 
 
+@pytest.mark.parametrize(
+    ("changed", "told"), [({"needs": ("b",)}, "needs 'b'"), ({"name": "b"}, "has the name of")]
+)
+def test_needs_are_jobs_before_and_names_differ(tmp_path, changed, told):
+    a, b, *_ = jobs_in(tmp_path)
+    with pytest.raises(ConfigError, match=f"Job '[ab]' {told}.*: expected names that differ"):
+        finish([Job(**{**vars(a), **changed}), b], Here())
+    assert not log(tmp_path)
+
+
 def test_a_damaged_result_is_named(tmp_path):
     (job, *_) = jobs_in(tmp_path)
     finish([job], Here())

@@ -60,6 +60,10 @@ def test_an_interruption_says_how_to_go_on(capsys):
     out = capsys.readouterr().out
     assert "Go on:    sb3-piano curriculum --resume 'my runs'" in out
     assert "Evaluate" not in out
+    assert main(["curriculum", "--resume", "my runs", "--status"]) == 0
+    rows = [line.replace("│", " ").split() for line in capsys.readouterr().out.splitlines()]
+    assert ["1_Pendulum-v1", "-", "30", "-", "-"] in rows
+    assert ["2_Pendulum-v1", "-", "-", "-", "-"] in rows
     assert main(["curriculum", "--resume", "my runs", "--no-progress"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("[1/2] 1_Pendulum-v1\n[2/2] 2_Pendulum-v1\n")

@@ -268,6 +268,8 @@ def test_the_command_records_tells_and_goes_on(tmp_path, capsys):
     assert "sight-reader" in told
     assert "0.1" in told
     assert main(command) == 0
+    assert main([*command, "--status"]) == 0
+    assert "shard000000-v0 │ finished" in capsys.readouterr().out
     assert main([*command, "--seed", "1"]) == 2
     assert "has seed 0, not 1" in capsys.readouterr().err
 

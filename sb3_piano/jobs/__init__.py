@@ -9,8 +9,7 @@ from sb3_piano.jobs.finish import finish
 from sb3_piano.jobs.folders import begin_or_go_on, check_same, is_empty
 from sb3_piano.jobs.job import Job, Outcome, status
 from sb3_piano.jobs.mapping import Item, Result, map_jobs
-from sb3_piano.jobs.opening import open_executor
-from sb3_piano.jobs.pool import Here, WorkerDied, broken_told, process_pool
+from sb3_piano.jobs.pool import Here, WorkerDied, broken_told, open_executor, process_pool
 
 __all__ = [
     "Here",

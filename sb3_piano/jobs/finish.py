@@ -12,8 +12,7 @@ from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.job import Job, Outcome, status
 from sb3_piano.jobs.mapping import LOOK_EVERY
-from sb3_piano.jobs.opening import open_executor
-from sb3_piano.jobs.pool import explain_worker_death
+from sb3_piano.jobs.pool import explain_worker_death, open_executor
 
 
 def finish(

@@ -13,12 +13,14 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from multiprocessing import spawn
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.jobs.cluster import Resources, ray_executor
 from sb3_piano.jobs.starting import share_temporary_folder
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
@@ -56,6 +58,34 @@ def process_pool(workers: int | None = None) -> Iterator[Executor]:
         yield pool
     finally:
         pool.end()
+
+
+def open_executor(
+    workers: int | None = None,
+    ray: str | None = None,
+    resources: Resources = Resources(),  # noqa: B008 - frozen
+) -> AbstractContextManager[Executor]:
+    """Return the executor that a command line asks for, as a context.
+
+    Args:
+        workers: Processes on this machine; by default one for each usable core.
+        ray: Address of a cluster of Ray, which then does the jobs; see
+            :func:`~sb3_piano.jobs.connected_to_ray`.
+        resources: What a job needs, on a cluster.
+
+    Raises:
+        ConfigError: If ``workers`` is out of range or given with a cluster, or that cannot be
+            reached.
+        MissingPackageError: If Ray is not installed.
+    """
+    if ray is None:
+        return process_pool(workers)
+    if workers is not None:
+        raise ConfigError(
+            f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run at "
+            "once on a cluster follows from what each of them needs."
+        )
+    return ray_executor(ray, resources)
 
 
 @contextlib.contextmanager

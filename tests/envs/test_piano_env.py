@@ -84,20 +84,6 @@ def test_the_pedal_is_observed_as_a_command_and_down_from_the_middle_on(env):
 # Rewards and the end of an episode.
 
 
-def test_the_reward_is_the_weighted_sum_of_its_terms():
-    weights = {"key_press": 2.0, "energy": 0.0}
-    env = PianoEnv(TINY, reward_weights=weights)
-    env.reset(seed=0)
-    for action in random_actions(env, 6):
-        _, reward, _, _, info = env.step(action)
-        assert reward == pytest.approx(
-            sum(
-                {**DEFAULT_REWARD_WEIGHTS, **weights}[n] * v
-                for n, v in info["reward_terms"].items()
-            )
-        )
-
-
 def test_the_song_ends_in_truncation_after_its_last_step_with_all_numbers_in_info(env):
     returns = dict.fromkeys(RETURN_KEYS, 0.0)
     for step in range(6):

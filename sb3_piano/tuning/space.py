@@ -62,7 +62,7 @@ class Space(Mapping[str, Parameter]):
     name; a wrapper of ``sb3_piano.wrappers`` that the entry lacks is put around the others.
 
     Args:
-        parameters: Parameters, also in their form in YAML.
+        parameters: Optuna's distributions, or parameters in their form in YAML.
 
     Raises:
         ConfigError: If there is none, or a name or a parameter is not valid.
@@ -89,9 +89,6 @@ class Space(Mapping[str, Parameter]):
     def __len__(self) -> int:
         return len(self._parameters)
 
-    def __repr__(self) -> str:
-        return f"Space({self._parameters!r})"
-
     @property
     def distributions(self) -> dict[str, BaseDistribution]:
         """Optuna's distributions by their names in the store."""
@@ -103,11 +100,8 @@ class Space(Mapping[str, Parameter]):
 
     def settings(self, params: Mapping[str, Any]) -> dict[str, Any]:
         """Return the settings for the ``params`` of a trial, as far as it has them."""
-        return {
-            name: parameter.value(params[parameter.stored_name(name)])
-            for name, parameter in self.items()
-            if parameter.stored_name(name) in params
-        }
+        stored = ((name, p, p.stored_name(name)) for name, p in self.items())
+        return {name: p.value(params[key]) for name, p, key in stored if key in params}
 
     def params_of(self, entry: Mapping[str, Any]) -> dict[str, Any]:
         """Return the params with which a trial has the settings of an entry.

@@ -37,10 +37,8 @@ class Team:
     """
 
     def __init__(self, study: optuna.Study, job: TrialJob, *, n_trials: int, n_workers: int):
-        self._study = study
-        self._job = job
-        self._n_trials = n_trials
-        self._n_workers = n_workers
+        self.job, self.n_trials = job, n_trials
+        self._study, self._n_workers = study, n_workers
         self._owner = [platform.node(), str(job.folder.path.resolve())]
         self._busy: dict[Future[None], str] = {}  # with the names of their jobs
         self._deaths = 0  # since a job ended by itself
@@ -90,7 +88,7 @@ class Team:
     def _left(self, trials: Sequence[FrozenTrial]) -> int:
         """Return the number of trials that have not begun."""
         waiting = sum(trial.state is TrialState.WAITING for trial in trials)
-        return waiting + max(0, self._n_trials - len(trials))
+        return waiting + max(0, self.n_trials - len(trials))
 
     def _is_complete(self, trials: Sequence[FrozenTrial]) -> bool:
         if self._busy or self._left(trials):
@@ -106,7 +104,7 @@ class Team:
         yet_to_ask = len(self._busy) - sum(self._is_ours(trial) for trial in running)
         for _ in range(min(self._n_workers - len(self._busy), self._left(trials) - yet_to_ask)):
             name = secrets.token_hex(4)
-            self._busy[executor.submit(self._job, [*self._owner, name])] = name
+            self._busy[executor.submit(self.job, [*self._owner, name])] = name
 
     def _wait(self) -> None:
         """Wait for a moment, or until a worker is free."""
@@ -120,12 +118,12 @@ class Team:
                 raise RunError(
                     f"{self._deaths} workers in a row ended before a trial was finished, the last "
                     f"one so: {one_line(error)} What they printed is in "
-                    f"'{self._job.folder.workers_dir}'."
+                    f"'{self.job.folder.workers_dir}'."
                 )
 
     @property
     def _is_embedded(self) -> bool:
-        return self._job.storage is None
+        return self.job.storage is None
 
     def _is_ours(self, trial: FrozenTrial) -> bool:
         """Return whether this command or one before it in this folder runs, or ran, a trial."""

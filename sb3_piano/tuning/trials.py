@@ -20,33 +20,24 @@ STATES = {
 }
 """States as users read them."""
 
-# Names of what is noted with a trial (Optuna's user attributes).
-HOST = "host"
-"""The machine that ran it."""
-FOLDER = "folder"
-"""Its runs, on that machine."""
-OWNER = "owner"
-"""The machine whose command asked for it, the study's folder there, and the name of the job."""
-ORIGIN = "origin"
-"""Source of its settings, if the sampler did not choose them."""
-FAILURE = "failure"
-"""Why it failed, in one line."""
-INTERRUPTED = "interrupted"
-"""True if someone stopped it; another trial has its settings then."""
-STEPS = "steps"
-"""Environment steps of all its trainings."""
-SECONDS = "seconds"
-"""Time it took."""
-VALUES = "values"
-"""Its value by seed, in the order of the study's seeds; shorter if it was pruned."""
+# What is noted with a trial (Optuna's user attributes).
+HOST = "host"  # the machine that ran it
+FOLDER = "folder"  # its runs, on that machine
+OWNER = "owner"  # the machine whose command asked for it, the study's folder there, the job's name
+ORIGIN = "origin"  # source of its settings, if the sampler did not choose them
+FAILURE = "failure"  # why it failed, in one line
+INTERRUPTED = "interrupted"  # whether someone stopped it; another trial has its settings then
+STEPS = "steps"  # environment steps of all its trainings
+SECONDS = "seconds"  # time it took
+VALUES = "values"  # its value by seed, in the order of the study's seeds; shorter if it was pruned
 
+# Origins: the settings from which the study departs, or those of them that the space holds.
 PRESET = "preset"
-"""The origin of a trial with the settings from which the study departs."""
 PRESET_IN_PART = "preset in part"
-"""The same where the space does not hold all of these settings; the others are sampled."""
 
 GONE = "its process ended without a word: killed, or out of memory"
-"""The reason of a failed trial that has noted none."""
+STOPPED = "someone stopped it"
+"""Reasons of failed trials that have noted none."""
 MAX_RETRIES = 3
 """Number of times that the settings of a trial are queued again because its process was gone."""
 
@@ -71,11 +62,11 @@ def requeue_lost(study: optuna.Study, is_lost: Callable[[FrozenTrial], bool]) ->
     ended without a reason, that this process has to look after it.
     """
     trials = study.get_trials()
-    again = _retried(trials)
+    again = {number for trial in trials for number in _history(trial)}
     for trial in trials:
-        is_silent = _failed(trial) and FAILURE not in trial.user_attrs
         running = trial.state is TrialState.RUNNING
-        if trial.number in again or not (running or is_silent) or not is_lost(trial):
+        silent = running or (_failed(trial) and FAILURE not in trial.user_attrs)
+        if trial.number in again or not silent or not is_lost(trial):
             continue
         if running:
             try:
@@ -83,13 +74,6 @@ def requeue_lost(study: optuna.Study, is_lost: Callable[[FrozenTrial], bool]) ->
             except (ValueError, UpdateFinishedTrialError):  # it has just ended
                 continue
         retry(study, trial)
-
-
-def counting(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that count, also those that wait or run."""
-    trials = study.get_trials(deepcopy=False)
-    without = repeated(trials)
-    return [trial for trial in trials if trial.number not in without]
 
 
 def repeated(trials: Iterable[FrozenTrial]) -> set[int]:
@@ -100,7 +84,14 @@ def repeated(trials: Iterable[FrozenTrial]) -> set[int]:
     """
     trials = list(trials)
     stopped = {t.number for t in trials if _failed(t) and t.user_attrs.get(INTERRUPTED)}
-    return stopped | _retried(trials)
+    return stopped.union(*map(_history, trials))
+
+
+def counting(study: optuna.Study) -> list[FrozenTrial]:
+    """Return the trials that count, also those that wait or run."""
+    trials = study.get_trials(deepcopy=False)
+    without = repeated(trials)
+    return [trial for trial in trials if trial.number not in without]
 
 
 def best_first(study: optuna.Study) -> list[FrozenTrial]:
@@ -121,7 +112,8 @@ def preset_trial(study: optuna.Study) -> FrozenTrial | None:
 
 def failure_of(trial: FrozenTrial) -> str | None:
     """Return why a trial failed; ``None`` if it did not."""
-    return trial.user_attrs.get(FAILURE, GONE) if _failed(trial) else None
+    silent = STOPPED if INTERRUPTED in trial.user_attrs else GONE
+    return trial.user_attrs.get(FAILURE, silent) if _failed(trial) else None
 
 
 def summary(trials: Sequence[FrozenTrial], label: str) -> str:
@@ -143,10 +135,6 @@ def _value(trial: FrozenTrial) -> float:
 
 def _failed(trial: FrozenTrial) -> bool:
     return trial.state is TrialState.FAIL
-
-
-def _retried(trials: Iterable[FrozenTrial]) -> set[int]:
-    return {number for trial in trials for number in _history(trial)}
 
 
 def _history(trial: FrozenTrial) -> list[int]:

@@ -28,13 +28,7 @@ from sb3_piano.tuning.space import check_space
 from sb3_piano.tuning.storage import open_study, opened_store, why_refused
 from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder
 from sb3_piano.tuning.team import Team
-from sb3_piano.tuning.trials import (
-    best_trial,
-    counting,
-    failure_of,
-    preset_trial,
-    summary,
-)
+from sb3_piano.tuning.trials import best_trial, counting, failure_of, preset_trial, summary
 from sb3_piano.tuning.workers import TrialJob
 
 
@@ -108,42 +102,36 @@ def tune(
     keep_inside(place.path)
     check_space(config.space, config.algo, config.env_id, config.entry)
     name = Path(os.path.realpath(place.path)).name if name is None else name
-    with (
-        _owned(place, embedded=storage is None),
-        opened_store(storage, place) as store,
-        _telling_of_database(name),
-    ):
-        study = open_study(config, store, name=name, search=search)
-        _check_runs(study, place)
-        job = TrialJob(
-            config=config,
-            folder=place if ray is None else StudyFolder(place.path.absolute()),
-            study_name=name,
-            storage=storage,
-            search=search,
-        )
-        label = f"{config.objective} {config.metric}"
-        team = Team(study, job, n_trials=n_trials, n_workers=workers)
-        with (
-            stop_on_signal() as request,
-            _progress_bar(n_trials, label, shown=progress_bar) as on_progress,
-        ):
-            with _executor_of(workers, ray) as executor:
-                interrupted = team.run(executor, request, on_progress)
-            team.queue_lost_again(ended=True)
-        from sb3_piano.tuning.report import write_report, write_table  # not for each worker
-
-        write_best(study, config, place)
-        write_table(study, config, place)
-        write_report(study, config, place)
-        return TuneResult(
-            folder=place,
-            study=study,
-            best=best_trial(study),
-            preset=preset_trial(study),
-            trials=tuple(counting(study)),
-            interrupted=interrupted,
-        )
+    job = TrialJob(
+        config=config,
+        folder=place if ray is None else StudyFolder(place.path.absolute()),
+        study_name=name,
+        storage=storage,
+        search=search,
+    )
+    with _owned(place, storage), opened_store(storage, place) as store:
+        try:
+            study = open_study(config, store, name=name, search=search)
+            _check_runs(study, place)
+            team = Team(study, job, n_trials=n_trials, n_workers=workers)
+            with stop_on_signal() as request, _progress_bar(team, shown=progress_bar) as show:
+                with _executor_of(workers, ray) as executor:
+                    interrupted = team.run(executor, request, show)
+                team.queue_lost_again(ended=True)
+            _write_files(study, config, place)
+            return TuneResult(
+                folder=place,
+                study=study,
+                best=best_trial(study),
+                preset=preset_trial(study),
+                trials=tuple(counting(study)),
+                interrupted=interrupted,
+            )
+        except StorageInternalError as error:
+            raise RunError(
+                f"The database of study {name!r} cannot be used any more: {why_refused(error)}. "
+                "What is in it stays: when it is back, the same command goes on."
+            ) from error
 
 
 def _executor_of(workers: int, ray: str | None) -> AbstractContextManager[Executor]:
@@ -154,25 +142,13 @@ def _executor_of(workers: int, ray: str | None) -> AbstractContextManager[Execut
 
 
 @contextlib.contextmanager
-def _telling_of_database(name: str) -> Iterator[None]:
-    """Say in one line that a study's database is away, and how to go on."""
-    try:
-        yield
-    except StorageInternalError as error:
-        raise RunError(
-            f"The database of study {name!r} cannot be used any more: {why_refused(error)}. What "
-            "is in it stays: when it is back, the same command goes on."
-        ) from error
-
-
-@contextlib.contextmanager
-def _owned(folder: StudyFolder, *, embedded: bool) -> Iterator[None]:
+def _owned(folder: StudyFolder, storage: str | None) -> Iterator[None]:
     """Keep other processes from running the study in this folder; all may read it meanwhile.
 
     A folder with a journal has one owner. Machines that share a disk and work on one study in a
     database may also share the study's folder, as no trial is on two of them.
     """
-    name = "study" if embedded else platform.node()
+    name = "study" if storage is None else platform.node()
     expected = "one command in a folder. For more processes give that one more --workers, once it "
     expected += "has ended or was stopped."
     busy = f"Study '{folder.path}' is being run"
@@ -191,15 +167,23 @@ def _check_runs(study: optuna.Study, folder: StudyFolder) -> None:
 
 
 @contextlib.contextmanager
-def _progress_bar(
-    n_trials: int, label: str, *, shown: bool
-) -> Iterator[Callable[[Sequence[FrozenTrial]], object]]:
+def _progress_bar(team: Team, *, shown: bool) -> Iterator[Callable[[Sequence[FrozenTrial]], None]]:
     """Give a function that shows how many trials are finished on standard error, if at all."""
+    label = f"{team.job.config.objective} {team.job.config.metric}"
     with Progress(console=Console(stderr=True), disable=not shown) as progress:
-        task = progress.add_task("trials", total=n_trials)
+        task = progress.add_task("trials", total=team.n_trials)
 
         def show(trials: Sequence[FrozenTrial]) -> None:
             finished = sum(trial.state.is_finished() for trial in trials)
             progress.update(task, completed=finished, description=summary(trials, label))
 
         yield show
+
+
+def _write_files(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> None:
+    """Write what a study found."""
+    from sb3_piano.tuning.report import write_report, write_table  # not for each worker
+
+    write_best(study, config, folder)
+    write_table(study, config, folder)
+    write_report(study, config, folder)

@@ -12,7 +12,6 @@ import optuna
 import pytest
 from browser_tab import PHONE
 from finished_study import (
-    ENTRY,
     SPACE,
     begin,
     complete,
@@ -50,41 +49,44 @@ def texts_of(study, config, folder=None):
 
 
 @pytest.mark.slow
-def test_the_summary_counts_trials_and_compares_with_the_preset():
-    config, study = study_config(), new_study("evenings")
+def test_the_page_counts_trials_and_compares_the_best_settings_with_the_presets(tmp_path):
+    space = {**SPACE, "target_entropy": {"float": [-40.0, -10.0]}}
+    config, study = study_config(space=space), new_study("evenings")
     complete_preset(study, config, 0.25)
     complete(study, config, 0.5)
     prune(study, config, 0.9)
-    fail(study, config, "ValueError")
+    fail(study, config, f"RuntimeError: {EVIL}")
+    fail(study, config)
     begin(study, config)
     interrupt(study, config)
     study.enqueue_trial({})
-    text = texts_of(study, config).text
-    assert "Study of SAC" in text
-    assert "TwinkleTwinkleLittleStar evenings" in text
-    assert "6 trials: 2 complete, 1 pruned, 1 failed, 1 running, 1 waiting." in text
-    assert "The best value is 0.500, of trial 1; the preset's is 0.250." in text
-    assert "is 0.250. 1 interrupted trial not counted" in text
-    assert "F1 of the model at the end of a training, in 1 episode from seed 1000" in text
-    assert "train with other seeds" in text
-
-
-@pytest.mark.slow
-def test_the_best_settings_stand_beside_the_presets():
-    space = {**SPACE, "target_entropy": {"float": [-40.0, -10.0]}}
-    entry = {**ENTRY, "gamma": 0.99}  # outside of what is searched
-    config, study = study_config(entry, space), new_study()
-    complete(study, config, 0.25)
-    complete(study, config, 0.5)
+    folder = StudyFolder(tmp_path / "a study")
+    page = texts_of(study, config, folder)
+    for text in (
+        *("Study of SAC", "TwinkleTwinkleLittleStar evenings", "train with other seeds"),
+        "7 trials: 2 complete, 1 pruned, 2 failed, 1 running, 1 waiting.",
+        "The best value is 0.500, of trial 1; the preset's is 0.250. 1 interrupted trial not coun",
+        "F1 of the model at the end of a training, in 1 episode from seed 1000",
+        f"--config '{folder.best_file}' --seed 0",
+        f"--conf-file '{folder.best_file}' --seed 0 --eval-env-kwargs",
+        "optuna-dashboard URL",  # there is no journal: it is in a database
+    ):
+        assert text in page.text
     best = config.space.settings(study.trials[1].params)
-    assert texts_of(study, config).tables[0] == [
+    assert page.tables[0] == [
         ["setting", "best", "preset"],
         ["learning_rate", f"{best['learning_rate']:.4g}", "0.001"],
-        ["gamma", f"{best['gamma']:.4g}", "0.99"],
+        ["gamma", f"{best['gamma']:.4g}", "0.8"],
         ["batch_size", str(best["batch_size"]), "32"],
         ["policy_kwargs.net_arch", str(best["policy_kwargs.net_arch"]), "[16]"],
         ["target_entropy", f"{best['target_entropy']:.4g}", "auto"],
     ]
+    _, reason, killed = page.tables[2]
+    assert reason == ["3", f"RuntimeError: {EVIL}"]
+    assert (killed[0], "killed" in killed[1]) == ("4", True)
+    folder.path.mkdir()
+    folder.journal_file.touch()
+    assert f"optuna-dashboard '{folder.journal_file}'" in texts_of(study, config, folder).text
 
 
 @pytest.mark.slow
@@ -100,36 +102,6 @@ def test_the_ten_best_complete_trials_are_listed_the_best_first():
     assert rows[0][1:6] == ["0.900", "0.900", "0.450", "0.910", "0.460"]
     settings = config.space.settings(study.trials[6].params)
     assert rows[0][heads.index("gamma")] == f"{settings['gamma']:.4g}"
-
-
-def test_failed_trials_are_listed_with_their_reasons():
-    config, study = study_config(), new_study()
-    fail(study, config, f"RuntimeError: {EVIL}")
-    fail(study, config)
-    interrupt(study, config)
-    page = report_html(study, config)
-    assert "<img" not in page.replace("\\u003cimg", "")
-    (table,) = Page(page).tables
-    assert table[1] == ["0", f"RuntimeError: {EVIL}"]
-    assert table[2][0] == "1"
-    assert "killed" in table[2][1]
-    assert len(table) == 3
-    assert "No trial is complete yet." in page
-
-
-@pytest.mark.slow
-def test_the_commands_name_the_files_of_the_study(tmp_path):
-    config, study = study_config(), new_study()
-    complete(study, config, 0.5)
-    folder = StudyFolder(tmp_path / "a study")
-    folder.path.mkdir()
-    text = texts_of(study, config, folder).text
-    assert f"--config '{folder.best_file}' --seed 0" in text
-    assert f"--conf-file '{folder.best_file}' --seed 0 --eval-env-kwargs" in text
-    assert "optuna-dashboard URL" in text  # there is no journal: it is in a database
-    folder.journal_file.touch()
-    assert f"optuna-dashboard '{folder.journal_file}'" in texts_of(study, config, folder).text
-    assert "optuna-dashboard journal.log" in texts_of(study, config).text
 
 
 # The table.
@@ -149,6 +121,7 @@ def rows_of(tmp_path):
 
 def test_a_row_holds_what_a_trial_scored_took_and_had_as_settings(rows_of):
     config, study = study_config(), new_study()
+    assert rows_of(study, config) == []
     complete(study, config, 0.25)
     (row,) = rows_of(study, config)
     settings = config.space.settings(study.trials[0].params)
@@ -191,14 +164,6 @@ def test_states_reasons_and_origins_are_told(rows_of):
     assert "killed" in rows[3]["failure"]
     assert rows[0]["gamma"] == "0.8"
     assert rows[5]["gamma"] != rows[6]["gamma"] == ""
-
-
-def test_the_table_is_written_anew_and_empty_for_an_empty_study(rows_of):
-    config, study = study_config(), new_study()
-    assert rows_of(study, config) == []
-    complete(study, config, 0.0)
-    assert [row["value"] for row in rows_of(study, config)] == ["0.0"]
-    assert len(rows_of(finished_study(config), config)) == 34
 
 
 # Importance.

@@ -38,7 +38,7 @@ LINES = {
     "reading": 930,
     "simulation": 1_190,
     "training": 6_080,
-    "tuning": 2_360,
+    "tuning": 2_330,
     "vec_env": 490,
     "viewing": 2_330,
     "wrappers": 2_050,

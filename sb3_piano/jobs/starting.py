@@ -1,4 +1,4 @@
-"""The start of processes of environments and of studies."""
+"""The start of processes of environments."""
 
 from __future__ import annotations
 

@@ -12,7 +12,6 @@ import yaml
 from finished_study import (
     ENTRY,
     ENV_ID,
-    SPACE,
     complete,
     fail,
     finished_study,
@@ -109,24 +108,6 @@ def test_names_of_several_lines_stay_in_the_comment(tmp_path):
     folder = StudyFolder(tmp_path / lines)
     folder.path.mkdir()
     assert list(yaml.safe_load(write_best(study, config, folder).read_text())) == [ENV_ID]
-
-
-def test_all_that_space_searches_arrives_and_the_study_is_not_changed(folder):
-    space = {
-        **SPACE,
-        "env_kwargs.reward_weights.energy": {"float": [0.5, 2.0]},
-        "env_wrapper.TemporalStretch.factor": {"float": [1.1, 1.5]},
-    }
-    config, study = study_config(space=space), new_study()
-    complete(study, config, 0.5)
-    before = config.to_mapping()
-    found = yaml.safe_load(write_best(study, config, folder).read_text())[ENV_ID]
-    best = study.best_trial.params
-    weights = {"energy": best["env_kwargs.reward_weights.energy"]}
-    assert found["env_kwargs"] == {**ENTRY["env_kwargs"], "reward_weights": weights}
-    factor = best["env_wrapper.TemporalStretch.factor"]
-    assert found["env_wrapper"] == [{"sb3_piano.wrappers.TemporalStretch": {"factor": factor}}]
-    assert config.to_mapping() == before
 
 
 # The commands in it.

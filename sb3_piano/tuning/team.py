@@ -100,8 +100,9 @@ class Team:
 
     def _begin(self, executor: Executor, trials: Sequence[FrozenTrial]) -> None:
         """Let workers that are free run trials. Each asks for one itself, some yet have to."""
-        running = (trial for trial in trials if trial.state is TrialState.RUNNING)
-        yet_to_ask = len(self._busy) - sum(self._is_ours(trial) for trial in running)
+        yet_to_ask = len(self._busy) - sum(
+            trial.state is TrialState.RUNNING and self._is_run_here(trial) for trial in trials
+        )
         for _ in range(min(self._n_workers - len(self._busy), self._left(trials) - yet_to_ask)):
             name = secrets.token_hex(4)
             self._busy[executor.submit(self.job, [*self._owner, name])] = name
@@ -125,6 +126,10 @@ class Team:
     def _is_embedded(self) -> bool:
         return self.job.storage is None
 
+    def _is_run_here(self, trial: FrozenTrial) -> bool:
+        """Return whether a job that has not ended runs a trial, and has said so."""
+        return not set(self._busy.values()).isdisjoint(trial.user_attrs.get(OWNER, ()))
+
     def _is_ours(self, trial: FrozenTrial) -> bool:
         """Return whether this command or one before it in this folder runs, or ran, a trial."""
         owner = trial.user_attrs.get(OWNER)
@@ -139,7 +144,7 @@ class Team:
         """
         owner = trial.user_attrs.get(OWNER)
         if owner is not None or trial.state is not TrialState.RUNNING:
-            return self._is_ours(trial) and not set(self._busy.values()).intersection(owner or ())
+            return self._is_ours(trial) and not self._is_run_here(trial)
         if self._is_embedded:
             return not self._busy
         first = self._first_seen.setdefault(trial.number, time.monotonic())

@@ -86,7 +86,7 @@ def study_of(search: Search, study_config: StudyConfig, name: str = "study") -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("sampler", "pruner"), zip(SAMPLERS, PRUNERS, strict=True))
+@pytest.mark.parametrize(("sampler", "pruner"), list(zip(SAMPLERS, PRUNERS, strict=True)))
 def test_a_sampler_and_a_pruner_run_a_study_without_a_warning(sampler, pruner, caplog):
     search = Search(sampler=sampler, pruner=pruner, startup_trials=3, seed=0)
     with warnings.catch_warnings():

@@ -19,7 +19,7 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_690,
+    "base": 1_720,
     "buffers": 660,
     "callbacks": 2_810,
     "cli": 3_100,
@@ -31,7 +31,7 @@ LINES = {
     "lab": 5_800,
     "metrics": 1_100,
     "music": 8_760,
-    "pipelines": 1_810,
+    "pipelines": 1_800,
     "planning": 3_330,
     "players": 1_700,
     "policies": 1_580,
@@ -51,7 +51,7 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 47_430, "modules": 314, "names": 400},
+    "core": {"lines": 47_460, "modules": 314, "names": 400},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
     "tests": {"lines": 44_400},
 }

@@ -34,6 +34,7 @@ ROOMS = [
     "locks",
     "interrupts",
     "threads",
+    "orphans",
     "jobs",
     "layers",
     "music",

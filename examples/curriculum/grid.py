@@ -24,7 +24,7 @@ from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import Outcome, broken_told, finish, map_jobs, open_executor
+from sb3_piano.jobs import Outcome, finish, map_jobs, open_executor
 from sb3_piano.pipelines import load_curriculum, run_curriculum, training
 from sb3_piano.training import Plugin, RunConfig, load_config
 
@@ -57,7 +57,6 @@ def main() -> int:
         with (
             stop_on_signal() as request,
             open_executor(arguments.workers, arguments.ray) as executor,
-            broken_told("give the same command again."),
         ):
             seeds = arguments.seeds if "Hanon" in arguments.before else ()
             practice = [Practice(runs, seed, steps) for seed in seeds]

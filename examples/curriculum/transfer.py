@@ -24,7 +24,7 @@ from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import broken_told, map_jobs, open_executor
+from sb3_piano.jobs import map_jobs, open_executor
 from sb3_piano.pipelines import load_curriculum, run_curriculum
 from sb3_piano.training import evaluate
 
@@ -138,7 +138,6 @@ def main() -> int:
         with (
             stop_on_signal() as request,
             open_executor(arguments.workers, arguments.ray) as executor,
-            broken_told("give the same command again."),
         ):
             for jobs in (chains, anew):  # the latter start from what the former have learnt
                 for name, metrics in map_jobs(executor, trained, jobs, request):

@@ -9,7 +9,7 @@ from sb3_piano.jobs.finish import finish
 from sb3_piano.jobs.folders import begin_or_go_on, check_same, is_empty
 from sb3_piano.jobs.job import Job, Outcome, status
 from sb3_piano.jobs.mapping import Item, Result, map_jobs
-from sb3_piano.jobs.pool import Here, WorkerDied, broken_told, open_executor, process_pool
+from sb3_piano.jobs.pool import Here, WorkerDied, open_executor, process_pool
 
 __all__ = [
     "Here",
@@ -20,7 +20,6 @@ __all__ = [
     "Result",
     "WorkerDied",
     "begin_or_go_on",
-    "broken_told",
     "check_same",
     "connected_to_ray",
     "finish",

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from typing import TypeVar
 
 from sb3_piano.interrupts import StopRequest
+from sb3_piano.jobs.pool import explain_worker_death
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -19,6 +20,7 @@ def map_jobs(
     function: Callable[[Item], Result],
     items: Iterable[Item],
     request: StopRequest | None = None,
+    go_on: str = "give the same command again.",
 ) -> Generator[Result, None, None]:
     """Yield the results of a function of each item as they come, in any order.
 
@@ -29,9 +31,11 @@ def map_jobs(
         function: What is called with each item.
         items: Its arguments.
         request: Ends it when it is made.
+        go_on: How to go on when a worker died.
 
     Raises:
         KeyboardInterrupt: If the request is made.
+        RunError: If a worker died.
     """
     waiting: set[Future[Result]] = {executor.submit(function, item) for item in items}
     try:
@@ -41,6 +45,8 @@ def map_jobs(
                 raise KeyboardInterrupt
             for future in done:
                 yield future.result()
+    except BrokenExecutor as error:
+        raise explain_worker_death(error, go_on) from error
     finally:
         for future in waiting:
             future.cancel()

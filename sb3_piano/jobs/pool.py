@@ -88,19 +88,6 @@ def open_executor(
     return ray_executor(ray, resources)
 
 
-@contextlib.contextmanager
-def broken_told(how_to_go_on: str) -> Iterator[None]:
-    """Re-raise ``BrokenExecutor`` as a ``RunError`` that says how to go on.
-
-    Raises:
-        RunError: In place of the ``BrokenExecutor`` of any executor.
-    """
-    try:
-        yield
-    except BrokenExecutor as error:
-        raise explain_worker_death(error, how_to_go_on) from error
-
-
 def explain_worker_death(error: BrokenExecutor, how_to_go_on: str) -> RunError:
     """Return the error that says why a worker may have died, and how to go on."""
     return RunError(

@@ -18,7 +18,13 @@ START_METHOD: Literal["forkserver", "spawn"] = (
     "forkserver" if sys.platform == "linux" else "spawn"  # macOS's libraries do not bear forks
 )
 _OURS = ".sb3-piano"
-_LIBRARIES = ("torch", "gymnasium", "stable_baselines3", "sb3_contrib", "scipy.optimize")
+_LIBRARIES = (
+    "torch",
+    "gymnasium",
+    "stable_baselines3",
+    "sb3_contrib",
+    "scipy.optimize",
+)
 
 
 def process_context() -> (
@@ -34,7 +40,7 @@ def process_context() -> (
     if START_METHOD == "spawn":
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(_LIBRARIES))
+    context.set_forkserver_preload(["sb3_piano.orphans", *_LIBRARIES])
     return context
 
 

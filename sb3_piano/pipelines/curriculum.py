@@ -29,8 +29,6 @@ from sb3_piano.settings import Count, checked
 from sb3_piano.training import RunConfig, RunFolder
 from sb3_piano.training.runs.start import start_plugin
 
-EndedBy = Literal["budget", "condition", "callback"]
-
 _FORMER = "curriculum.json"
 """File in which former versions noted evaluations and ends of stages."""
 
@@ -43,7 +41,7 @@ class StageProgress:
     """Name of its run's folder in that of the curriculum."""
     num_timesteps: int = 0
     """Environment steps that were done when it ended, or was last saved."""
-    ended_by: EndedBy | None = None
+    ended_by: Literal["budget", "condition", "callback"] | None = None
     """Reason of its end: its ``n_timesteps`` are done, its condition is met, or another callback
     ended its training; ``None`` before that."""
     evaluations: tuple[StageEvaluation, ...] = ()
@@ -244,7 +242,7 @@ def _begin(place: Path, curriculum: Curriculum, options: Mapping[str, Any]) -> l
     for job in jobs[:begun]:
         job.begin()
     if begun < len(jobs):
-        check_fit(curriculum, place, begun)
+        check_fit(curriculum, begun)
     try:
         write_yaml(file, curriculum.to_mapping())
     except OSError as error:

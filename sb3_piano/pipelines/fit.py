@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -12,7 +11,6 @@ from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.pipelines.stages import Curriculum
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.runs.builders import build_env
-from sb3_piano.training.runs.folder import RunFolder
 
 
 class _Interface(NamedTuple):
@@ -29,27 +27,23 @@ class _Interface(NamedTuple):
             return cls(env.observation_space, env.action_space, config.normalize is not False)
 
 
-def check_fit(curriculum: Curriculum, place: Path, begun: int) -> None:
-    """Make the environments of all stages that have not begun, and look whether they fit.
+def check_fit(curriculum: Curriculum, begun: int = 0) -> None:
+    """Make the environments of all stages but for those that have begun, and the last of these.
 
     Raises:
         ConfigError: If a setting is invalid, or a stage cannot start from the one before.
     """
     before: tuple[RunConfig, _Interface] | None = None
-    for index in range(max(begun - 1, 0), len(curriculum.stages)):
+    for number, stage in list(enumerate(curriculum.stages, start=1))[max(begun - 1, 0) :]:
         try:
-            if index < begun:
-                config = RunFolder.open(place / curriculum.run_names[index]).read_config()
-                assert isinstance(config, RunConfig), "a stage is trained"
-            else:
-                config = curriculum.stages[index].run_config(curriculum.algo)
+            config = stage.run_config(curriculum.algo)
             interface = _Interface.of(config)
             if before is not None:
                 _check_step(before[1], interface)
-                if curriculum.stages[index].with_buffer:
+                if stage.with_buffer:
                     _check_buffer(before[0], config)
         except SB3PianoError as error:
-            raise ConfigError(f"Stage {index + 1}: {error}") from error
+            raise ConfigError(f"Stage {number}: {error}") from error
         before = config, interface
 
 

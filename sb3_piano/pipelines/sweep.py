@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import load_yaml, write_csv, write_yaml
@@ -120,18 +121,18 @@ def jobs_of(config: SweepConfig, place: Path) -> list[TrainingJob]:
 
 def write_results(place: Path, runs: Sequence[Outcome]) -> None:
     """Write a line of each run: what it is called, how far it is, and its metrics."""
-    rows = []
+    rows: list[dict[str, Any]] = []
+    names: dict[str, Any] = {}
     for run in runs:
-        result = run.result or {}
         cell, _, seed = run.job.name.rpartition("/seed_")
         row = {"cell": cell, "seed": seed, "state": run.state}
         steps = (run.job.progress() or (0,))[0]
-        metrics = result.get("metrics", {})
+        metrics = (run.result or {}).get("metrics", {})
+        names |= metrics
         rows.append(
             {**row, "steps": steps, "reason": run.reason, "folder": run.job.folder, **metrics}
         )
-    metrics = dict.fromkeys(n for run in runs for n in (run.result or {}).get("metrics", ()))
-    columns = ("cell", "seed", "state", "steps", *metrics, "reason", "folder")
+    columns = ("cell", "seed", "state", "steps", *names, "reason", "folder")
     write_csv(place / RESULTS, columns, rows)
 
 

@@ -21,6 +21,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
 from sb3_piano.exceptions import RunError
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.jobs.starting import process_context
+from sb3_piano.orphans import stop_looking
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing, usable_cores
 
@@ -215,6 +216,7 @@ def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) ->
     with contextlib.suppress(EOFError, BrokenPipeError), torch_computing(1):
         try:
             venv = _Share(env_fns.var)
+            stop_looking()
             theirs.send(((venv.observation_space, venv.action_space), None))
             while (asked := theirs.recv()) is not None:
                 method, args, kwargs = asked

@@ -111,6 +111,7 @@ def test_whatever_ends_a_program_the_same_one_does_the_rest(
 SLOW = """
 import os, sys, time
 from sb3_piano.jobs import process_pool
+from sb3_piano.jobs.starting import process_context
 
 class Slow:
     def __reduce__(self):
@@ -118,14 +119,22 @@ class Slow:
                        "end = time.monotonic() + 60\\nwhile time.monotonic() < end: pass",))
 
 if __name__ == "__main__":
-    with process_pool(2) as pool:
-        print([pool.submit(print, Slow()).result() for _ in range(2)])
+    WORK
 """
 
 
-def test_workers_that_still_import_end_with_a_parent_that_is_killed(tmp_path):
+@pytest.mark.parametrize(
+    "work",
+    [
+        "with process_pool(1) as pool: pool.submit(print, Slow()).result()",
+        "process_context().Process(target=print, args=(Slow(),)).start()",
+    ],
+    ids=["pool", "environments"],
+)
+def test_workers_that_still_import_end_with_a_parent_that_is_killed(tmp_path, work):
     program = tmp_path / "program.py"
-    program.write_text(SLOW.replace("{mark!r}", repr(f"{tmp_path}/pid-")))
+    slow = SLOW.replace("{mark!r}", repr(f"{tmp_path}/pid-"))
+    program.write_text(slow.replace("WORK", work))
     process = subprocess.Popen([sys.executable, program])
     wait_for(lambda: list(tmp_path.glob("pid-*")), process)
     process.kill()

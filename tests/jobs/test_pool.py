@@ -9,7 +9,7 @@ import pytest
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.interrupts import StopRequest, stop_on_signal
-from sb3_piano.jobs import broken_told, map_jobs, process_pool
+from sb3_piano.jobs import map_jobs, process_pool
 
 
 @pytest.mark.slow
@@ -34,9 +34,9 @@ def test_a_killed_worker_is_told_in_a_line_and_leaves_no_folder():
     folders = []
 
     def be_killed():
-        with broken_told("again"), process_pool(1) as pool:
+        with process_pool(1) as pool:
             folders.append(pool.submit(multiprocessing.util.get_temp_dir).result())
-            list(map_jobs(pool, os._exit, [9]))
+            list(map_jobs(pool, os._exit, [9], go_on="again"))
 
     with pytest.raises(RunError, match="A worker ended before .*: again"):
         be_killed()

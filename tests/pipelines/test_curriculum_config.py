@@ -220,14 +220,14 @@ def test_where_hands_are_agents_a_call_is_a_step_of_each():
 def test_the_curriculum_of_the_page_fits(tmp_path):
     (tmp_path / "practice.yml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.S)[1])
     curriculum = load_curriculum(tmp_path / "practice.yml")
-    check_fit(curriculum, tmp_path, 0)
+    check_fit(curriculum)
     assert f"runs/curricula/practice/{curriculum.run_names[2]}\n" in PAGE
 
 
 @pytest.mark.parametrize("name", ["hanon", "repertoire"])
-def test_the_stages_of_the_examples_fit(name, tmp_path):
+def test_the_stages_of_the_examples_fit(name):
     file = EXAMPLES / f"{name}.yml"
     curriculum = load_curriculum(file)
-    check_fit(curriculum, tmp_path, 0)
+    check_fit(curriculum)
     for folder in re.findall(r"runs/curricula/(\S+)", file.read_text("utf-8")):
         assert folder == f"{name}/{curriculum.run_names[-1]}"

@@ -20,7 +20,6 @@ from sb3_piano.jobs import (
     Here,
     Outcome,
     begin_or_go_on,
-    broken_told,
     check_same,
     finish,
     process_pool,
@@ -152,7 +151,7 @@ def distill(
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
-        with pool as chosen, broken_told(go_on(place)):
+        with pool as chosen:
             work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
             jobs = [work.job(n, name, improvements.get(name)) for n, name in enumerate(names)]
 

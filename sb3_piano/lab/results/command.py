@@ -170,13 +170,12 @@ def _done(
 ) -> Iterator[_Found]:
     """Yield the results of jobs, which processes do, while a bar shows how many are done."""
     from sb3_piano.interrupts import stop_on_signal
-    from sb3_piano.jobs import broken_told, map_jobs, open_executor
+    from sb3_piano.jobs import map_jobs, open_executor
 
     several = list(jobs)
     with (
         progress_bar(arguments, text) as tell,
         stop_on_signal() as request,
-        broken_told("give the same command again."),
         open_executor(arguments.workers) as executor,
     ):
         tell(completed=0, total=len(several))

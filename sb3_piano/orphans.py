@@ -1,0 +1,38 @@
+"""The end of processes whose parent is killed while they still import or make environments.
+
+It is the first that the server imports from which processes are forked, see
+:func:`~sb3_piano.jobs.starting.process_context`. By a timer, as threads and forks do not go
+together.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+_EVERY = 0.5  # s
+
+
+def end_with_parent() -> None:
+    """From now on end this process within a second of its parent."""
+    parent = os.getppid()
+
+    def look(number: int, frame: object) -> None:
+        del number, frame
+        if os.getppid() != parent:
+            os._exit(1)
+
+    signal.signal(signal.SIGALRM, look)
+    signal.setitimer(signal.ITIMER_REAL, _EVERY, _EVERY)
+
+
+def stop_looking() -> None:
+    """Leave the timer to others: whoever waits for the parent's messages notices its end."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+if any("multiprocessing.forkserver" in text for text in sys.orig_argv):
+    end_with_parent()
+    os.register_at_fork(after_in_child=end_with_parent)

@@ -1,7 +1,7 @@
-"""Jobs: work in folders that may end at any moment and goes on, on this machine or a cluster.
+"""Jobs: work in folders that may stop at any moment and resumes, on this machine or a cluster.
 
-What does them is of the kind of :class:`concurrent.futures.Executor`, so that who has jobs to do
-need not know where they are done.
+An executor runs them, a :class:`concurrent.futures.Executor` of local processes or of Ray, so that
+callers need not know where a job runs.
 """
 
 from sb3_piano.jobs.cluster import Resources, connected_to_ray, ray_executor

@@ -30,6 +30,8 @@ os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
 settings.register_profile("tests", max_examples=50, deadline=None)
 settings.load_profile("tests")
 
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # also where nohup has it ignored
+
 torch.set_num_threads(1)  # faster for the small networks of the tests
 
 REFERENCE = Path(__file__).parent / "data" / "reference"

@@ -44,9 +44,9 @@ LINES = {
     "wrappers": 2_050,
 }
 
-# Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design has
-# 3,000 lines for it; most of what is above that are settings and their YAML files (`stages`, `grid`,
-# `corpus_settings`, `space`, `parameters`), which specs that are composed are to make shorter.
+# Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
+# has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
+# `grid`, `corpus_settings`, `space`, `parameters`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
 LONG_WORK_LINES = 5_150
 

@@ -85,7 +85,6 @@ class FrameRenderer:
             colors: RGBA by the id of a geom; the others have their own.
             bars: What is drawn besides.
         """
-        self._gl.make_current()
         drawn, everything = self._drawn, mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(
             self._scene.model, data, self._option, None, self.camera, everything, drawn
@@ -95,8 +94,10 @@ class FrameRenderer:
                 geom.rgba[:] = colors[geom.objid]
                 geom.emission = _GLOW
         add_bars(drawn, bars)
-        mujoco.mjr_render(self._rect, drawn, self._context)
         pixels = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
+        # Just before it is drawn in: who is collected as garbage meanwhile makes its own current.
+        self._gl.make_current()
+        mujoco.mjr_render(self._rect, drawn, self._context)
         mujoco.mjr_readPixels(pixels, None, self._rect, self._context)
         return np.ascontiguousarray(np.flipud(pixels))
 

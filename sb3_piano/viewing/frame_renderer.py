@@ -95,7 +95,7 @@ class FrameRenderer:
                 geom.emission = _GLOW
         add_bars(drawn, bars)
         pixels = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
-        # Just before it is drawn in: who is collected as garbage meanwhile makes its own current.
+        # Not earlier: a renderer that is garbage collected makes its own context current.
         self._gl.make_current()
         mujoco.mjr_render(self._rect, drawn, self._context)
         mujoco.mjr_readPixels(pixels, None, self._rect, self._context)

@@ -7,13 +7,15 @@ import subprocess
 import sys
 import textwrap
 
+import mujoco
 import numpy as np
 import pytest
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music import Note, Score
-from sb3_piano.simulation import find_gl_backend
+from sb3_piano.simulation import compile_scene, find_gl_backend
 from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR
+from sb3_piano.viewing.frame_renderer import FrameRenderer
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
@@ -44,6 +46,23 @@ def test_a_due_key_has_its_fingers_colour_and_a_sounding_key_is_green(view):
     assert count_dominated_by(1, pressed) > 200
     assert count_dominated_by(0, pressed) < count_dominated_by(0, due) - 200
     env.close()
+
+
+@needs_gl
+def test_a_renderer_that_is_freed_while_another_draws_changes_nothing_in_its_picture():
+    scene = compile_scene()
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_forward(scene.model, data)
+    drawing, other = (FrameRenderer(scene, width=64, height=48) for _ in range(2))
+    alone = drawing.render(data, {})
+
+    class Freeing(dict):
+        def __contains__(self, geom):  # as a garbage collection may do at any moment
+            other.close()
+            return False
+
+    np.testing.assert_array_equal(drawing.render(data, Freeing()), alone)
+    drawing.close()
 
 
 @pytest.mark.slow

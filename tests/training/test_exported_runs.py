@@ -121,10 +121,16 @@ def test_settings_ask_for_no_more_memory_than_the_weights_do(exported):
     assert largest(policy_kwargs={"net_arch": [8]}, buffer_size=10**10) < before + 2**17
 
 
-def test_wrappers_ask_for_no_memory_without_end(exported):
-    stack = {"gymnasium.wrappers.FrameStackObservation": {"stack_size": 10**9}}
-    change(exported, env_wrapper=[stack])
-    with pytest.raises(ConfigError, match="FrameStackObservation: 1000000000 is refused in an"):
+@pytest.mark.parametrize(
+    ("kind", "wrapper", "argument"),
+    [
+        ("env_wrapper", "gymnasium.wrappers.FrameStackObservation", "stack_size"),
+        ("vec_env_wrapper", "stable_baselines3.common.vec_env.VecFrameStack", "n_stack"),
+    ],
+)
+def test_wrappers_ask_for_no_memory_without_end(exported, kind, wrapper, argument):
+    change(exported, **{kind: [{wrapper: {argument: 10**9}}]})
+    with pytest.raises(ConfigError, match=r"FrameStack\w*: 1000000000 is refused in an"):
         load_player(exported.path)
 
 

@@ -229,7 +229,8 @@ class RunFolder:
             return self._read_config()
         with known_packages_only():
             config = self._read_config()
-        for wrapper in config.env_wrapper:
+        around = config.vec_env_wrapper if isinstance(config, RunConfig) else ()
+        for wrapper in (*config.env_wrapper, *around):
             _check_numbers(wrapper.kwargs, f"'{self.config_file}': {wrapper.path}")
         if isinstance(config, RunConfig):
             for text in _texts(config.algorithm_kwargs):

@@ -278,9 +278,9 @@ class EpisodeRecord:
         """Return which keys sounded after the p physics steps of the m ``_changes``, (m, p, 88)."""
         if self._key_angles:
             former, steps = self._within, len(self._changes) - len(self._within)
-            sounding = self._scene.sounding_at(self._key_angles).reshape(steps, -1, NUM_KEYS)
-            angles = self._scene.angles_of(self._key_angles).reshape(sounding.shape)
-            within, n_substeps = sounding[:, 1:], sounding.shape[1] - 1
+            angles = self._scene.angles_of(self._key_angles).reshape(steps, -1, NUM_KEYS)
+            within = angles[:, 1:] >= self._scene.key_sounding_angle
+            n_substeps = within.shape[1]
             speeds = _speeds(angles, within) * (n_substeps / self._goal.roll.control_timestep)
             self._within = np.concatenate([former, within]) if len(former) else within
             self._speeds = np.concatenate([self._speeds, speeds])
@@ -359,12 +359,15 @@ def _speeds(angles: FloatArray, within: BoolArray) -> FloatArray:
     Returns:
         (m, 88) rad in a physics step; 0 of a key that does not sound at the end.
     """
-    silent = ~within[:, ::-1]
-    n_substeps = within.shape[1]
-    so_long = np.where(silent.any(axis=1), silent.argmax(axis=1), n_substeps)
-    first = np.minimum(n_substeps - so_long, n_substeps - 1)[:, None]
+    first = (within.shape[1] - _held(within))[:, None]
     moved = np.take_along_axis(np.diff(angles, axis=1), first, axis=1)[:, 0]
-    return np.where(so_long > 0, moved, 0.0)
+    return np.where(within[:, -1], moved, 0.0)
+
+
+def _held(states: BoolArray) -> IntArray:
+    """Return for how many physics steps at the end, along axis 1, keys were as they are last."""
+    other = (states != states[:, -1:])[:, ::-1]
+    return np.where(other.any(axis=1), other.argmax(axis=1), states.shape[1])
 
 
 def _shares(steps: IntArray, keys: IntArray, changes: IntArray, within: BoolArray) -> FloatArray:
@@ -374,9 +377,5 @@ def _shares(steps: IntArray, keys: IntArray, changes: IntArray, within: BoolArra
         return share
     row = np.minimum(np.searchsorted(changes, steps), len(changes) - 1)
     known = changes[row] == steps
-    states = within[row, :, keys]
-    # Backwards from the end, how far it has been so.
-    other = (states != states[:, -1:])[:, ::-1]
-    n_substeps = states.shape[1]
-    so_long = np.where(other.any(axis=1), other.argmax(axis=1), n_substeps)
-    return np.where(known, (n_substeps - so_long + 1) / n_substeps, share)
+    states, n_substeps = within[row, :, keys], within.shape[1]
+    return np.where(known, (n_substeps - _held(states) + 1) / n_substeps, share)

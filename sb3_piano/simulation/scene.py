@@ -147,17 +147,14 @@ class PianoScene:
 
     def sounding_at(self, angles: Iterable[bytes]) -> BoolArray:
         """Return which keys sound at angles of the moving ones (float64, rad), (n, 88) bool."""
-        moving = self.moving_keys
-        rows = np.frombuffer(b"".join(angles)).reshape(-1, len(self.key_qpos))
-        sounding = rows >= self.key_sounding_angle[moving]
-        rigid = (moving.start, NUM_KEYS - moving.stop)
-        return np.pad(sounding, ((0, 0), rigid)) if any(rigid) else sounding
+        return self.angles_of(angles) >= self.key_sounding_angle
 
     def angles_of(self, angles: Iterable[bytes]) -> FloatArray:
         """Return angles of the moving keys (float64, rad) as those of all, (n, 88)."""
         moving = self.moving_keys
         rows = np.frombuffer(b"".join(angles)).reshape(-1, len(self.key_qpos))
-        return np.pad(rows, ((0, 0), (moving.start, NUM_KEYS - moving.stop)))
+        rigid = (moving.start, NUM_KEYS - moving.stop)
+        return np.pad(rows, ((0, 0), rigid)) if any(rigid) else rows
 
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
         """Return the world positions of the fingertips by label, (10, 3) m.

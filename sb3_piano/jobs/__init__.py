@@ -1,4 +1,4 @@
-"""Jobs: work in folders that may stop at any moment and resumes, on this machine or a cluster.
+"""Jobs: work in folders, which may stop at any moment and resume, on this machine or a cluster.
 
 An executor runs them, a :class:`concurrent.futures.Executor` of local processes or of Ray, so that
 callers need not know where a job runs.

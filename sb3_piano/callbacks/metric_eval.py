@@ -353,7 +353,8 @@ class MetricEvalCallback(EvalCallback):
         """Return whether the training may end."""
         if self.until is None:
             return False
-        evaluations = [self.means(number) for number in range(len(self.evaluations_metrics))]
+        first = max(len(self.evaluations_metrics) - self.until.patience, 0)
+        evaluations = [self.means(n) for n in range(first, len(self.evaluations_metrics))]
         if not self.until.is_met(evaluations):
             return False
         self._tell(

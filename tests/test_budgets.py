@@ -37,7 +37,7 @@ LINES = {
     "policies": 1_580,
     "reading": 930,
     "simulation": 1_190,
-    "training": 6_080,
+    "training": 6_215,
     "tuning": 2_330,
     "vec_env": 490,
     "viewing": 2_330,
@@ -52,7 +52,7 @@ LONG_WORK_LINES = 5_150
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 47_460, "modules": 314, "names": 400},
+    "core": {"lines": 47_590, "modules": 315, "names": 401},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
     "tests": {"lines": 44_400},
 }

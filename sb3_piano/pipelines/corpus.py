@@ -34,7 +34,8 @@ from sb3_piano.music.library import Library
 from sb3_piano.pipelines.corpus_settings import CorpusConfig, Player
 from sb3_piano.pipelines.performances import CorpusJob, open_player
 from sb3_piano.players.hand_model import FILE_NAME
-from sb3_piano.training.runs.folder import BASE, RunFolder, named_files
+from sb3_piano.training.configuration.env_spec import BASE
+from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.training.runs.saved import model_files
 
@@ -187,7 +188,7 @@ def files_of_a_run(run: RunFolder) -> list[Path]:
     """Return the files that decide how a run plays, those of what it corrects included."""
     config = run.read_config()
     files = [run.config_file, *filter(None, model_files(run, config))]
-    for option, text in named_files(config).items():
+    for option, text in config.files.items():
         files += files_of_a_run(RunFolder.open(text)) if option == BASE else [_network_file(text)]
     return files
 

@@ -10,7 +10,6 @@ import gymnasium as gym
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.pipelines.stages import Curriculum
 from sb3_piano.training.configuration.config import RunConfig
-from sb3_piano.training.runs.builders import build_env
 
 
 class _Interface(NamedTuple):
@@ -23,7 +22,7 @@ class _Interface(NamedTuple):
     @classmethod
     def of(cls, config: RunConfig) -> _Interface:
         """Return that of the settings of a run."""
-        with contextlib.closing(build_env(config)) as env:
+        with contextlib.closing(config.env.make()) as env:
             return cls(env.observation_space, env.action_space, config.normalize is not False)
 
 

@@ -31,6 +31,7 @@ from sb3_piano.settings import (
     settings,
 )
 from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.names import algorithm_class
 from sb3_piano.training.configuration.plugins import Plugin, with_arguments
 from sb3_piano.training.configuration.values import (
@@ -40,7 +41,6 @@ from sb3_piano.training.configuration.values import (
     zoo_number,
 )
 from sb3_piano.training.configuration.yaml_files import load_config, merged, read_yaml_mapping
-from sb3_piano.training.runs.folder import FILE_OPTIONS
 from sb3_piano.training.runs.start import without_learnt_entropy
 
 CURRICULUM_FILE = "curriculum.yml"

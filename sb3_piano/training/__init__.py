@@ -1,6 +1,7 @@
 """Training runs: YAML to environments, model and files; resuming and evaluating them."""
 
 from sb3_piano.training.configuration.config import PlannedConfig, RunConfig
+from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.configuration.names import ALGORITHMS, KNOWN_PACKAGES, PLANNERS
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import (
@@ -35,6 +36,7 @@ __all__ = [
     "PLANNERS",
     "CloneResult",
     "Comparison",
+    "EnvSpec",
     "Evaluation",
     "Evaluations",
     "ExportedFolder",

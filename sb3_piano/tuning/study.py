@@ -29,7 +29,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import Place
 from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.training import RunConfig, entry_config
-from sb3_piano.training.runs.folder import FILE_OPTIONS
+from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.tuning.space import Space, with_defaults
 
 _Sampler = Literal["tpe", "cmaes", "gp", "random"]

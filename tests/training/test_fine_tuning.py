@@ -27,7 +27,6 @@ from sb3_piano.training import (
     load_fine_tuning,
     train,
 )
-from sb3_piano.training.runs.builders import build_env
 
 EXCERPT = Path(__file__).parents[2] / "examples" / "fine_tuning" / "fur_elise.yml"
 ALGORITHMS = {"sac": SAC, "td3": TD3, "ppo": PPO}
@@ -107,7 +106,7 @@ def test_every_command_works_with_such_a_run(capsys):
 @pytest.mark.parametrize("algo", ALGORITHMS)
 def test_a_preset_is_valid_and_an_overlay_changes_it(algo):
     plain = load_fine_tuning(algo, GENERAL_ID)
-    assert plain.network == str(SHIPPED)
+    assert plain.env.network == str(SHIPPED)
     cut = load_fine_tuning(algo, GENERAL_ID, EXCERPT, env_kwargs={"physics": "reference"})
     assert cut.env_wrapper[0].path == "sb3_piano.wrappers.Excerpt"
     assert cut.env_kwargs == {**plain.env_kwargs, "physics": "reference"}
@@ -122,7 +121,7 @@ def test_what_cannot_be_fine_tuned_is_refused(capsys):
     assert "'none' cannot be read" in capsys.readouterr().err
     with pytest.raises(ConfigError, match="env_wrapper has no sb3_piano.players.PlayerRes"):
         load_fine_tuning("sac", GENERAL_ID, env_wrapper=[])
-    assert load_config("sac", GENERAL_ID).network is None
+    assert load_config("sac", GENERAL_ID).env.network is None
 
 
 @pytest.mark.parametrize("name", ["fast", "robopianist"])
@@ -161,7 +160,7 @@ def test_a_run_keeps_its_piece_unless_another_one_is_named(base):
     }
     named = load_fine_tuning("sac", "RoboPianist-scale-CMajor-v0", player="base")
     assert named.env_kwargs == {"physics": "reference", **seen}
-    with contextlib.closing(build_env(dataclasses.replace(named, env_wrapper=()))) as env:
+    with contextlib.closing(dataclasses.replace(named, env_wrapper=()).env.make()) as env:
         assert env.unwrapped.default_score.title == "scale-CMajor"
     for env_id in (None, GENERAL_ID):
         other = load_fine_tuning("sac", env_id, player="base", env_kwargs={"score": "hanon-01"})

@@ -31,7 +31,7 @@ from sb3_piano.training import (
     resume,
     train,
 )
-from sb3_piano.training.runs.builders import build_env, build_model, build_vec_env
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 PIANO = "RoboPianist-v0"
 KEY_RANGE = "sb3_piano.wrappers.KeyRange"
@@ -119,7 +119,7 @@ def test_what_was_chosen_of_studies_is_true_of_all_of_them(config):
 
 def test_an_environment_of_its_own_draws_from_all_pieces(config):
     for own in (config(n_envs=3), config(n_envs=3).alone()):
-        with contextlib.closing(build_env(own)) as env:
+        with contextlib.closing(own.env.make()) as env:
             titles = set()
             for seed in range(12):
                 env.reset(seed=seed)

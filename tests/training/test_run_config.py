@@ -166,7 +166,7 @@ def test_unknown_and_missing_keys_of_a_mapping_are_named(small_config):
 
 def test_a_correction_of_no_run_names_none(small_config):
     config = small_config(env_wrapper="sb3_piano.training.RunResidual")
-    assert config.base is None
+    assert config.env.base is None
 
 
 def test_the_module_of_an_environment_is_imported_and_remembered(

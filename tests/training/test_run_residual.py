@@ -32,7 +32,6 @@ from sb3_piano.training import (
 )
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.playing.player import run_to_record, write_player
-from sb3_piano.training.runs.builders import build_env
 from sb3_piano.wrappers import PitchShift
 
 TUNE = Score(notes=[Note(onset=i / 5, offset=(i + 1) / 5, pitch=72 + i, finger=i) for i in (0, 1)])
@@ -85,7 +84,7 @@ def correcting(algo="sac", player=Path("base"), **settings):
 def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(base):
     with (
         SavedPlayer.open(base.path, seed=0) as player,
-        contextlib.closing(build_env(base.read_config())) as env,
+        contextlib.closing(base.read_config().env.make()) as env,
     ):
         residual = RunResidual(env, "base")
         observation, _ = residual.reset(seed=0)
@@ -104,7 +103,7 @@ def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(bas
 
 
 def test_it_can_be_copied_and_shares_the_model(base):
-    with contextlib.closing(build_env(base.read_config())) as env:
+    with contextlib.closing(base.read_config().env.make()) as env:
         residual = RunResidual(env, "base")
         residual.reset(seed=0)
         twin = copy.deepcopy(residual)
@@ -116,7 +115,7 @@ def test_it_can_be_copied_and_shares_the_model(base):
 
 def test_observations_are_standardised_as_the_runs_model_takes_them(base, tmp_path):
     def standardization(folder, config):
-        env = build_env(config)
+        env = config.env.make()
         return (*RunResidual(env, folder).standardization, env.observation_space.shape)
 
     config = base.read_config()
@@ -192,7 +191,7 @@ def test_of_a_run_that_sees_hands_each_hand_is_corrected_by_one_network(base, ag
     assert evaluate(write_player(second.path, "shared").path).mean == evaluate(second.path).mean
 
     policy = SAC.load(second.model_file).policy
-    with contextlib.closing(build_env(first.read_config())) as env:
+    with contextlib.closing(first.read_config().env.make()) as env:
         residual = RunResidual(env, "hands")
         mean, std = residual.standardization
         assert copy.deepcopy(residual)._venv is residual._venv
@@ -280,7 +279,7 @@ def test_what_sees_or_acts_around_a_correction_is_not_recorded(base):
 
 
 def test_the_left_hand_is_corrected_in_the_mirror(base):
-    with contextlib.closing(build_env(base.read_config())) as env:
+    with contextlib.closing(base.read_config().env.make()) as env:
         residual = RunResidual(env, "base")
         scene = env.unwrapped.scene
         names = [scene.model.actuator(i).name for i in range(scene.model.nu)]
@@ -303,18 +302,18 @@ def test_the_command_takes_the_runs_own_piece(base, capsys):
     command = ["train", "--from", "base", "--config", "brief.yml", "--steps", "4", "--run", "run"]
     assert main([*command, "--no-progress"]) == 0
     config = RunFolder.open("run").read_config()
-    assert config.base == str(Path("run/base"))
+    assert config.env.base == str(Path("run/base"))
     assert config.env_kwargs["observation"] == "fingers"
 
 
 def test_what_cannot_be_corrected_is_refused(base, tmp_path, capsys):
-    env = build_env(base.read_config())
+    env = base.read_config().env.make()
     with pytest.raises(RunError, match="There is no folder"):
         RunResidual(env, tmp_path / "none")
     with pytest.raises(ConfigError, match="scale is 0: expected"):
         RunResidual(env, "base", 0)
     with pytest.raises(RunError, match="cannot be loaded"):
-        RunResidual(build_env(base.read_config().in_env(observation="roll")), "base")
+        RunResidual(base.read_config().in_env(observation="roll").env.make(), "base")
     residual = RunResidual(PitchShift(env.env, 2), "base")
     residual.reset(seed=0)
     with pytest.raises(InvalidActionError, match=r"expected \(38,\)"):

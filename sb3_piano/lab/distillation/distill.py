@@ -49,7 +49,6 @@ from sb3_piano.pipelines.corpus import files_of_a_run
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-from sb3_piano.training.runs.builders import build_env
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.provenance import provenance
 
@@ -134,7 +133,7 @@ def distill(
     for number in range(len(config.improvements)):
         start = weights_file(place.absolute(), names[-1])
         run = improvement_run(config, number, start, num_threads)
-        build_env(run).close()  # what is wrong is better told now than when the rounds are done
+        run.env.make().close()  # what is wrong is better told now than when the rounds are done
         names.append(f"improved-{number}")
         improvements[names[-1]] = partial(improve, config, number, start, num_threads, on_progress)
     rounds: list[RoundResult] = []

@@ -31,11 +31,12 @@ from sb3_piano.players import HandModel, TreeSearch, TreeSettings
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
+from sb3_piano.training.configuration.env_spec import BASE
 from sb3_piano.training.runs.builders import (
     Env,
-    build_env,
     build_planner,
     build_vec_env,
+    one_env,
     refuse_other_vectors,
 )
 from sb3_piano.training.runs.folder import RunFolder
@@ -114,7 +115,10 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             env = env if disturbed is None else disturbed(env)
             return EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen))
 
-        venv = build_vec_env(config, innermost)
+        if isinstance(config, RunConfig):
+            venv = build_vec_env(config, innermost)
+        else:
+            venv = one_env(config.env, config.seed, innermost)
         try:
             load_statistics(config, statistics, venv)
             if isinstance(venv, VecNormalize):
@@ -296,8 +300,10 @@ def run_to_record(
             _check_nothing_between(residual, env, refused)
             yield _Corrected(player, residual), residual.env, config
             return
-        planned = isinstance(config, PlannedConfig)  # such play only where they are made for
-        yield build_planner(config, env) if planned else player, env, config
+        if isinstance(config, PlannedConfig):  # such play only where they are made for
+            yield build_planner(config, env), env, config
+        else:
+            yield player, env, config
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,14 +344,14 @@ def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
 
     Its hands begin out of place by ``start``, rad.
     """
-    return build_env(config, (lambda env: PerturbedStart(env, start)) if start else None)
+    return config.env.make((lambda env: PerturbedStart(env, start)) if start else None)
 
 
 def keep_base(run: RunFolder, config: PlayConfig) -> None:
     """Keep a copy of the run that is corrected, if one is, in the folder of the new run."""
-    if config.base is not None:
-        write_player(config.base, run.base_dir)
-        run.write_config(run.read_config().with_base(str(run.base_dir)))
+    if config.env.base is not None:
+        write_player(config.env.base, run.base_dir)
+        run.write_config(run.read_config().with_files({BASE: str(run.base_dir)}))
 
 
 def write_player(

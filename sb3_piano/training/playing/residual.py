@@ -14,7 +14,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Positive, checked
-from sb3_piano.training.configuration.config import CorrectsRun, RunConfig
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.env_spec import CorrectsRun
 from sb3_piano.training.runs.builders import normalized, refuse_other_vectors
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import act, load_statistics, load_to_play, model_files

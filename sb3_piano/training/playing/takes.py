@@ -27,7 +27,7 @@ from sb3_piano.players import TreeSearch, TreeSettings
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.training.configuration.config import PlannedConfig
 from sb3_piano.training.playing.player import SavedPlayer
-from sb3_piano.training.runs.builders import build_env, build_planner
+from sb3_piano.training.runs.builders import build_planner
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Played, Progress, Take, write_take
 
@@ -343,7 +343,7 @@ def _planner(
     config: PlannedConfig, innermost: EnvWrapper | None = None
 ) -> Iterator[tuple[PianoPolicy, EpisodeRecorder, PianoEnv]]:
     """Give what plays, where it plays, and the piano inside of that."""
-    with contextlib.closing(EpisodeRecorder(build_env(config, innermost))) as env:
+    with contextlib.closing(EpisodeRecorder(config.env.make(innermost))) as env:
         player = build_planner(config, env)
         assert isinstance(env.unwrapped, PianoEnv), "planners play nothing else"
         yield player, env, env.unwrapped

@@ -36,12 +36,13 @@ from stable_baselines3.common.vec_env import (
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
+from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import player_class
-from sb3_piano.training.configuration.config import PlayConfig, RunConfig
-from sb3_piano.training.configuration.names import import_class, import_name, registered_id
+from sb3_piano.training.configuration.config import PlannedConfig, RunConfig
+from sb3_piano.training.configuration.env_spec import Env, EnvSpec
+from sb3_piano.training.configuration.names import import_class, import_name
 from sb3_piano.training.configuration.values import (
     classes_made,
     dataclass_made,
@@ -49,8 +50,6 @@ from sb3_piano.training.configuration.values import (
     parameters_of,
 )
 from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
-
-Env = gym.Env[Any, Any]
 
 
 class EpisodeLog(Monitor):
@@ -100,49 +99,27 @@ class _EpisodeFile(ResultsWriter):
             super().close()
 
 
-def build_env(
-    config: PlayConfig, innermost: EnvWrapper | None = None, log: EnvWrapper | None = None
-) -> Env:
-    """Return one environment of a run.
-
-    ``innermost`` is put around the bare environment, ``log`` around that, then the config's
-    ``env_wrapper``. Of several ``pieces`` it draws one for each episode.
-    """
-    if isinstance(config, RunConfig):
-        config = config.alone().of_env(0)
-    env_kwargs = dict(config.env_kwargs)
-    try:
-        env: Env = gym.spec(registered_id(config.env_id, config.env_module)[1]).make(**env_kwargs)
-        for wrapper in (innermost, log, *config.env_wrapper):
-            env = env if wrapper is None else wrapper(env)
-    except SB3PianoError:
-        raise
-    except (TypeError, ImportError, gym.error.Error) as error:
-        text = one_line(error).rstrip(".")
-        raise ConfigError(
-            f"Environment {config.env_id!r} cannot be made with env_kwargs {env_kwargs}: {text}."
-        ) from error
-    return env
+def one_env(spec: EnvSpec, seed: int | None, innermost: EnvWrapper | None = None) -> DummyVecEnv:
+    """Return a vector of one environment; ``innermost`` is put around the bare one."""
+    venv = DummyVecEnv([lambda: spec.make(innermost, EpisodeLog)])
+    venv.seed(seed)
+    return venv
 
 
-def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> VecEnv:
+def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> VecEnv:
     """Return the vector of environments of a run.
 
     From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
     ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
     """
-    if not isinstance(config, RunConfig):
-        venv: VecEnv = DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)])
-        venv.seed(config.seed)
-        return venv
     training_process = os.getpid()
-    configs = [config.of_env(rank) for rank in range(config.n_envs)]
+    specs = [config.env.of_env(rank, config.n_envs) for rank in range(config.n_envs)]
     log = partial(EpisodeLog, **config.monitor_kwargs)
 
     def make(rank: int) -> Env:
         if os.getpid() != training_process:
             leave_to_parent()
-        env = build_env(configs[rank], innermost, log)
+        env = specs[rank].make(innermost, log)
         if config.seed is not None:
             env.unwrapped.action_space.seed(config.seed + rank)
         return env
@@ -224,7 +201,7 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     return model
 
 
-def build_planner(config: PlayConfig, env: Env | VecEnv) -> PianoPolicy:
+def build_planner(config: PlannedConfig, env: Env | VecEnv) -> PianoPolicy:
     """Return what plays without training, in the environments that it is for."""
     made = player_class(config.algo)
     parameters = parameters_of(made)

@@ -14,7 +14,8 @@ from sb3_piano.hyperparams import FINE_TUNING
 from sb3_piano.players import CORRECTED, HandModel, PlayerResidual
 from sb3_piano.players.hand_model import FILE_NAME, SHIPPED, SIGHT_READER
 from sb3_piano.settings import Positive, checked, refuse_unknown
-from sb3_piano.training.configuration.config import PlayConfig, RunConfig
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.configuration.names import import_name, registered_id
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import load_overlaid
@@ -60,22 +61,22 @@ def load_fine_tuning(
             f"Nothing to play with '{player}': expected the id of an environment (--env) or a "
             "piece (--midi); only a run that is corrected brings its own."
         )
-    played = base.full_env_id if base is not None and env_id is None else str(env_id)
+    played = base.env.full_id if base is not None and env_id is None else str(env_id)
     config = load_overlaid(algo, played, FINE_TUNING[algo], path, **overrides)
     if base is not None:
         given = overrides.get("env_kwargs", {})
         another = registered_id(played)[1] != base.env_id
         others = another or "score" in given or bool(config.pieces)
-        return _of_run(config, base, folder, given, others)
+        return _of_run(config, base.env, folder, given, others)
     if player != SIGHT_READER and player in CORRECTED:
-        return config.correcting(player=player)
+        return config.with_env(config.env.correcting(player=player))
     network = os.fspath(SHIPPED if player == SIGHT_READER else player)
     HandModel.load(network)  # what is wrong with it is told before processes are started
-    return config.correcting(model=network)
+    return config.with_env(config.env.correcting(model=network))
 
 
 def _of_run(
-    config: RunConfig, base: PlayConfig, folder: Path, given: dict[str, Any], others: bool
+    config: RunConfig, base: EnvSpec, folder: Path, given: dict[str, Any], others: bool
 ) -> RunConfig:
     """Return the settings with the environment of a run, and its model in the player's place.
 
@@ -89,13 +90,12 @@ def _of_run(
     outside = config.env_wrapper[at + 1 :]
     own = base.for_others() if others else base
     physics = {name: value for name, value in config.env_kwargs.items() if name == "physics"}
-    pieces = base.pieces if isinstance(base, RunConfig) and not others else config.pieces
-    options = {**own.env_kwargs, **physics, **given}
+    options = {**own.options, **physics, **given}
     corrected = dataclasses.replace(
         config,
         env_kwargs=options,
-        pieces=pieces,
-        env_wrapper=(*own.env_wrapper, residual, *outside),
+        pieces=config.pieces if others else base.pieces,
+        env_wrapper=(*own.wrappers, residual, *outside),
     )
     if options.get("observation") == "hands":
         return corrected

@@ -24,6 +24,7 @@ from sb3_piano.music import is_path
 from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
+from sb3_piano.training.configuration.env_spec import BASE, MODEL
 from sb3_piano.training.configuration.names import (
     PLANNERS,
     full_name,
@@ -34,18 +35,6 @@ from sb3_piano.training.configuration.names import (
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.unfinished import PARTIAL_SUFFIX
-
-FILE_OPTIONS = ("score", "fingering")
-"""The options of the environment that may name a file."""
-
-MODEL = "model"
-"""What stands for a file of the sight-reader's network, which plays or is corrected."""
-
-BASE = "base"
-"""What stands for the folder of a run whose model is corrected."""
-
-PLAN = "plan"
-"""What stands for a file of a plan, which is followed."""
 
 _MOST_BYTES = 2**30
 """Most bytes of a network's file that is copied."""
@@ -246,10 +235,11 @@ class RunFolder:
                     "unpickled: expected a folder that 'sb3-piano export' wrote. Of people whom "
                     "you trust, SavedPlayer.open and the commands load any run."
                 )
-        if config.base is not None:
-            if Path(config.base) != self.base_dir:
+        base = config.env.base
+        if base is not None:
+            if Path(base) != self.base_dir:
                 raise RunError(
-                    f"'{self.path}' corrects the run '{config.base}', which is not in it: "
+                    f"'{self.path}' corrects the run '{base}', which is not in it: "
                     f"expected it as {self.base_dir.name}/, as 'sb3-piano export' writes it."
                 )
             RunFolder.open(self.base_dir).read_config(exported=True)
@@ -268,18 +258,18 @@ class RunFolder:
             config = kind(**content)
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
-        found = {name: self.path / file for name, file in named_files(config).items()}
+        found = {name: self.path / file for name, file in config.files.items()}
         there = {
             n: os.path.isdir(path) if n == BASE else os.path.isfile(path)
             for n, path in found.items()
         }
-        return _with_files(config, {n: str(path) for n, path in found.items() if there[n]})
+        return config.with_files({n: str(path) for n, path in found.items() if there[n]})
 
     def write_config(self, config: PlayConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
-        files = named_files(config).items()
+        files = config.files.items()
         ours = {n: Path(f).name for n, f in files if Path(f).parent == self.path}
-        mapping = _with_files(config, ours).to_mapping()
+        mapping = config.with_files(ours).to_mapping()
         if "pieces" in mapping:
             mapping["pieces"] = [self._relative(piece) for piece in mapping["pieces"]]
         write_yaml(self.config_file, mapping)
@@ -324,7 +314,7 @@ class RunFolder:
 
     def _write(self, config: PlayConfig) -> None:
         notes, library = provenance(config.seed), Library()
-        for option, text in named_files(config).items():
+        for option, text in config.files.items():
             file = Path(text)
             if option == MODEL:
                 file = Path(file, HAND_FILE) if os.path.isdir(file) else file
@@ -335,7 +325,7 @@ class RunFolder:
             notes[f"{option}_file"] = _origin(option, file)
             copy = self.hand_file if option == MODEL else self.path / f"{option}{file.suffix}"
             write_bytes(copy, read_file(file, _MOST_BYTES))
-            config = _with_files(config, {option: str(copy)})
+            config = config.with_files({option: str(copy)})
         self.write_provenance(notes)
         self.write_config(config)
 
@@ -374,23 +364,6 @@ def _items(value: Any) -> Iterator[Any]:
             yield from _items(item)
     else:
         yield value
-
-
-def named_files(config: PlayConfig) -> dict[str, str]:
-    """Return what may name files: options of the environment, a network, a base run, a plan."""
-    options = {name: config.env_kwargs.get(name) for name in FILE_OPTIONS}
-    options |= {MODEL: config.network, BASE: config.base, PLAN: config.algorithm_kwargs.get(PLAN)}
-    return {name: text for name, text in options.items() if isinstance(text, str)}
-
-
-def _with_files(config: PlayConfig, files: Mapping[str, str]) -> PlayConfig:
-    """Return the settings with other files in place of those of :func:`named_files`."""
-    options = {name: file for name, file in files.items() if name in FILE_OPTIONS}
-    config = config.in_env(**options)
-    config = config.with_base(files[BASE]) if BASE in files else config
-    if isinstance(config, PlannedConfig):
-        return config.playing(**{n: file for n, file in files.items() if n in (PLAN, MODEL)})
-    return config.correcting(model=files[MODEL]) if MODEL in files else config
 
 
 def _claim_next(held: contextlib.ExitStack, parent: Path, env_id: str) -> RunFolder:

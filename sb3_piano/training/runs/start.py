@@ -23,10 +23,11 @@ from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.exceptions import ConfigError, RunError, one_line
 from sb3_piano.settings import Index, checked
 from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import load_config
-from sb3_piano.training.runs.folder import FILE_OPTIONS, RunFolder
+from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_statistics, model_files
 
 _log = logging.getLogger(__name__)
@@ -256,17 +257,17 @@ def load_start(
     others = another or "score" in given or bool(overrides.get("pieces"))
     if not others:
         overrides.setdefault("pieces", config.pieces)
-    env_id = config.full_env_id if env_id is None else env_id
+    env_id = config.env.full_id if env_id is None else env_id
     if path is not None:
         if not others:  # what the run plays is no hyperparameter
-            kept = {*FILE_OPTIONS, *config.piece_options}
+            kept = {*FILE_OPTIONS, *config.env.piece_options}
             own = {name: value for name, value in config.env_kwargs.items() if name in kept}
             given = {**own, **given}
         config = load_config(config.algo, env_id, path, env_kwargs=given, **overrides)
         return dataclasses.replace(config, callback=(*config.callback, start))
     callbacks = tuple(plugin for plugin in config.callback if plugin.path != _START)
     module, name = registered_id(env_id)
-    config = config.for_others() if others else config
+    config = config.with_env(config.env.for_others()) if others else config
     changed = {"callback": (*callbacks, start), "pieces": (), "seed": None, **overrides}
     changed |= {"env_id": name, "env_module": module, "env_kwargs": {**config.env_kwargs, **given}}
     return dataclasses.replace(config, **changed)

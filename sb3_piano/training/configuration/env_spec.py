@@ -1,0 +1,243 @@
+"""Environments as settings name them: an id, options, wrappers around it, pieces to play in it."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from typing import Annotated, Any, Self
+
+import gymnasium as gym
+from pydantic import BeforeValidator, ValidationInfo
+
+from sb3_piano.callbacks.own_env import EnvWrapper
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
+from sb3_piano.music import Score, find_piece, is_path, select_pieces
+from sb3_piano.music.catalogue import ScoreSource
+from sb3_piano.music.fingering.apply import FINGERINGS
+from sb3_piano.players import PlayerResidual
+from sb3_piano.settings import settings
+from sb3_piano.training.configuration.names import import_name, registered_id
+from sb3_piano.training.configuration.plugins import Plugin, parse_plugins, with_arguments
+from sb3_piano.training.configuration.values import coerce_mapping, plain
+
+Env = gym.Env[Any, Any]
+
+FILE_OPTIONS = ("score", "fingering")
+"""The options of an environment that may name a file."""
+
+MODEL = "model"
+"""What stands for a file of the sight-reader's network, which plays or is corrected."""
+
+BASE = "base"
+"""What stands for the folder of a run whose model is corrected."""
+
+_RANDOM_PIECE = "sb3_piano.wrappers.RandomPiece"
+
+
+class CorrectsRun:
+    """Marks wrappers that correct the model of a run, whose folder is their argument ``run``."""
+
+
+def read_arguments(value: Any, info: ValidationInfo) -> Any:
+    """Return arguments in YAML's types, given as a mapping or as the Zoo's ``dict(...)``."""
+    return plain(coerce_mapping(value, str(info.field_name)), str(info.field_name))
+
+
+def plugins_below(base: type) -> BeforeValidator:
+    """Return the annotation of plugins whose classes are below one."""
+    return BeforeValidator(lambda value, info: parse_plugins(value, str(info.field_name), base))
+
+
+def _read_pieces(value: Any) -> tuple[str, ...]:
+    return () if value in (None, (), []) else tuple(map(_piece_name, select_pieces(value)))
+
+
+def _piece_name(piece: ScoreSource) -> str:
+    if isinstance(piece, Score):
+        raise ConfigError(f"pieces has {piece.title!r} as a score: expected its name or file.")
+    return os.fspath(piece)
+
+
+Arguments = Annotated[Mapping[str, Any], BeforeValidator(read_arguments)]
+"""Keyword arguments in YAML's types."""
+
+Wrappers = Annotated[tuple[Plugin, ...], plugins_below(gym.Wrapper)]
+"""Wrappers of an environment, the first one innermost."""
+
+Pieces = Annotated[tuple[str, ...], BeforeValidator(_read_pieces)]
+"""Names and files of pieces, from entries of :func:`~sb3_piano.music.select_pieces`."""
+
+
+@settings
+class EnvSpec:
+    """An environment, as settings name it; :meth:`make` makes it.
+
+    Raises:
+        ConfigError: If there is no such environment, or a setting does not fit.
+    """
+
+    id: str
+    """Id of the environment; ``module:Id`` imports the module that registers it."""
+    module: str | None = None
+    """Module to import before the environment is made."""
+    options: Arguments = field(default_factory=dict)
+    """Keyword arguments of the environment, ``env_kwargs`` in YAML."""
+    wrappers: Wrappers = ()
+    """Wrappers put around it, the first one innermost; ``env_wrapper`` in YAML."""
+    pieces: Pieces = ()
+    """What ``RoboPianist-v0`` plays, in place of a ``score``."""
+
+    def __post_init__(self) -> None:
+        module, name = registered_id(self.id, self.module)
+        object.__setattr__(self, "module", module)
+        object.__setattr__(self, "id", name)
+        self._check_pieces()
+
+    def _check_pieces(self) -> None:
+        if not self.pieces:
+            return
+        score = self.options.get("score")
+        if self.id != GENERAL_ID or score is not None:
+            raise ConfigError(
+                f"pieces are given to {self.id!r} with the score {score!r}: expected "
+                f"{GENERAL_ID}, which plays any piece, without a score."
+            )
+        if len(self.pieces) > 1 and self.options.get("observation") == "window":
+            raise ConfigError(
+                f"{len(self.pieces)} pieces are given with observation 'window', which is as wide "
+                "as a piece: expected 'roll', or another that is the same for all."
+            )
+
+    @property
+    def full_id(self) -> str:
+        """Id of the environment, as ``module:Id`` if a module registers it."""
+        return self.id if self.module is None else f"{self.module}:{self.id}"
+
+    @property
+    def all_options(self) -> dict[str, Any]:
+        """The options, with those of the environment's registration where none is given."""
+        return {**gym.spec(self.id).kwargs, **self.options}
+
+    @property
+    def own_pieces(self) -> Sequence[Any]:
+        """What is played, as far as it has names: pieces, or the one of the environment's id."""
+        return self.pieces or [self.all_options.get("score")]
+
+    @property
+    def piece_options(self) -> set[str]:
+        """Names of the options that belong to the pieces, generated studies."""
+        return set(self.options) & set().union(*map(_options_of, self.own_pieces))
+
+    @property
+    def network(self) -> str | None:
+        """The file of the sight-reader's network that is corrected, if any is named."""
+        return next((p.kwargs.get("model") for p in self.wrappers if p.is_a(PlayerResidual)), None)
+
+    @property
+    def base(self) -> str | None:
+        """The folder of the run whose model is corrected, if one is."""
+        return next((p.kwargs.get("run") for p in self.wrappers if p.is_a(CorrectsRun)), None)
+
+    @property
+    def files(self) -> dict[str, str]:
+        """What may name files: options, a network, the folder of a run."""
+        named = {name: self.options.get(name) for name in FILE_OPTIONS}
+        named |= {MODEL: self.network, BASE: self.base}
+        return {name: text for name, text in named.items() if isinstance(text, str)}
+
+    def with_files(self, files: Mapping[str, str]) -> Self:
+        """Return the environment with other files in place of some of :attr:`files`."""
+        changed = self.with_options(**{n: f for n, f in files.items() if n in FILE_OPTIONS})
+        changed = changed.with_base(files[BASE]) if BASE in files else changed
+        return changed.correcting(model=files[MODEL]) if MODEL in files else changed
+
+    def with_options(self, **options: Any) -> Self:
+        """Return the environment with other options."""
+        return dataclasses.replace(self, options={**self.options, **options})
+
+    def with_base(self, folder: str) -> Self:
+        """Return the environment with another folder of the run that is corrected."""
+        wrappers = with_arguments(self.wrappers, CorrectsRun, run=folder)
+        return dataclasses.replace(self, wrappers=wrappers)
+
+    def correcting(self, **arguments: Any) -> Self:
+        """Return the environment with other arguments of the wrapper that corrects a player.
+
+        Raises:
+            ConfigError: If there is none.
+        """
+        if not any(plugin.is_a(PlayerResidual) for plugin in self.wrappers):
+            raise ConfigError(
+                "env_wrapper has no sb3_piano.players.PlayerResidual, which corrects a player: "
+                "expected it after sb3_piano.wrappers.HandActions."
+            )
+        wrappers = with_arguments(self.wrappers, PlayerResidual, **arguments)
+        return dataclasses.replace(self, wrappers=wrappers)
+
+    def for_others(self) -> Self:
+        """Return the environment for other pieces: without score, its labels, or choosing one."""
+        own = {"score"} | self.piece_options
+        if self.options.get("fingering", FINGERINGS[0]) not in FINGERINGS:
+            own.add("fingering")
+        return dataclasses.replace(
+            self,
+            options={name: value for name, value in self.options.items() if name not in own},
+            wrappers=tuple(
+                one
+                for one in self.wrappers
+                if not getattr(import_name(one.path), "chooses_piece", False)
+            ),
+            pieces=(),
+        )
+
+    def of_env(self, rank: int, n_envs: int = 1) -> Self:
+        """Return one of so many environments, with the pieces that it gets as score and wrapper."""
+        if not self.pieces:
+            return self
+        own = self.pieces[rank::n_envs] or (self.pieces[rank % len(self.pieces)],)
+        # Options of studies are told to the first piece that has them, and so hold for all.
+        options = self.piece_options
+        first = next((piece for piece in own if options <= _options_of(piece)), own[0])
+        ours = {
+            name: value
+            for name, value in self.options.items()
+            if name not in options or name in _options_of(first)
+        }
+        chooser = Plugin(path=_RANDOM_PIECE, kwargs={"pieces": list(own)})
+        wrappers = self.wrappers if len(own) == 1 else (chooser, *self.wrappers)
+        return dataclasses.replace(
+            self, options={**ours, "score": first}, wrappers=wrappers, pieces=()
+        )
+
+    def make(self, *innermost: EnvWrapper | None) -> Env:
+        """Make the environment; of several ``pieces`` it draws one for each episode.
+
+        ``innermost`` are put around the bare environment, before the wrappers.
+
+        Raises:
+            ConfigError: If it cannot be made with its options.
+        """
+        spec = self.of_env(0)
+        options = dict(spec.options)
+        try:
+            env: Env = gym.spec(registered_id(spec.id, spec.module)[1]).make(**options)
+            for wrapper in (*innermost, *spec.wrappers):
+                env = env if wrapper is None else wrapper(env)
+        except SB3PianoError:
+            raise
+        except (TypeError, ImportError, gym.error.Error) as error:
+            text = one_line(error).rstrip(".")
+            raise ConfigError(
+                f"Environment {spec.id!r} cannot be made with env_kwargs {options}: {text}."
+            ) from error
+        return env
+
+
+def _options_of(piece: Any) -> set[str]:
+    """Return names of the options of a piece, but for ``hands``, which the environment has, too."""
+    if not isinstance(piece, str) or is_path(piece):
+        return set()
+    return set(find_piece(piece).options) - {"hands"}

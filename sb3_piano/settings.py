@@ -20,6 +20,7 @@ import inspect
 import os
 import re
 import reprlib
+import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from numbers import Integral, Real
@@ -44,26 +45,30 @@ T = TypeVar("T")
 _CONFIG = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
 
 
-_EXPONENTIAL = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
-def _spelled(value: Any) -> Any:
-    """Return the number that text such as ``1e-3`` is, which PyYAML does not read as one."""
-    is_number = isinstance(value, str) and _EXPONENTIAL.fullmatch(value)
-    return float(value) if is_number else value
+def number_in(value: Any) -> Any:
+    """Return the number that text such as ``1e-3`` is, all else as it is."""
+    if not isinstance(value, str) or not _NUMBER.fullmatch(value):
+        return value
+    try:
+        return int(value)
+    except ValueError:
+        return float(value)
 
 
 def _integer(value: Any) -> Any:
-    """Return NumPy's integers as int, and ``1e6``."""
-    number = _spelled(value)
-    if number is not value and number.is_integer():
-        return int(number)
-    return int(value) if isinstance(value, Integral) and not isinstance(value, bool) else value
+    """Return any number that is whole as int."""
+    number = number_in(value)
+    is_number = isinstance(number, Real) and not isinstance(number, bool)
+    is_whole = is_number and (isinstance(number, Integral) or number % 1 == 0)
+    return int(number) if is_whole else value
 
 
 def _float(value: Any) -> Any:
     """Return any other real number as float."""
-    value = _spelled(value)
+    value = number_in(value)
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
             return float(value)
@@ -81,7 +86,7 @@ def _tuple(value: Any) -> Any:
 
 
 Whole = Annotated[int, BeforeValidator(_integer)]
-"""A whole number, NumPy's included; true and false are none."""
+"""A whole number, NumPy's and whole floats included; true and false are none."""
 
 Number = Annotated[float, BeforeValidator(_float), AllowInfNan(False)]
 """A finite number as a float."""
@@ -140,6 +145,13 @@ class Unit:
     text: str
 
 
+@dataclasses.dataclass(frozen=True)
+class Expected:
+    """Annotation of what its type does not tell: what a message says was expected."""
+
+    text: str
+
+
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def settings(cls: type[T]) -> type[T]:
     """Make a class a frozen dataclass of keyword arguments, checked against its annotations.
@@ -185,21 +197,28 @@ def checked(name: str, value: Any, kind: Any) -> Any:
         raise ConfigError(_message(error, {name: kind}, name)) from None
 
 
-def refuse_unknown(names: Iterable[str], known: Iterable[str], what: str, of: str = "") -> None:
+def refuse_unknown(
+    names: Iterable[str],
+    known: Iterable[str],
+    what: str,
+    of: str = "",
+    also_near: Iterable[str] = (),
+) -> None:
     """Refuse names that mean nothing.
 
-    The message calls a name ``what``, such as "reward term", and says of what it is one.
+    The message calls a name ``what``, such as "reward term", and says of what it is one; names that
+    it may have been meant by are known ones, or ``also_near``.
 
     Raises:
         ConfigError: If one is not among those that are known.
     """
-    known = list(known)
+    known, near = list(known), list(also_near)
     for name in names:
         if name not in known:
             place = f" of {of}" if of else ""
             raise ConfigError(
-                f"Unknown {what} {name!r}{place}.{near_names(str(name), known)} Expected one of "
-                f"{', '.join(known)}."
+                f"Unknown {what} {name!r}{place}.{near_names(str(name), [*known, *near])} Expected "
+                f"one of {', '.join(known)}."
             )
 
 
@@ -214,33 +233,61 @@ def _message(error: ValidationError, kinds: Mapping[str, Any], *names: str) -> s
     ``kinds`` has the annotation of each value by its name, with which the error's place begins;
     ``names`` are what comes before that place.
     """
-    first = error.errors(include_url=False)[0]
+    found = error.errors(include_url=False)
+    field = slice(0 if names else 1)
+    of_field = (each for each in found if each["loc"][field] == found[0]["loc"][field])
+    # Of a value that several kinds were tried for, what came furthest.
+    first = max(of_field, key=lambda each: len(each["loc"]))
     raised = first.get("ctx", {}).get("error")
     place: tuple[str | int, ...] = (*names, *first["loc"])
     if isinstance(raised, _NestedError):
         return f"{_called(place)}: {raised}"
     if isinstance(raised, SB3PianoError):  # from a __post_init__, or a validator of ours
         return str(raised)
-    name, inside = place[0], place[1:]
-    if first["type"] == "missing":
-        return f"{name} is missing: it has no default."
-    kind = kinds.get(str(name))
-    is_key = inside[-1:] == ("[key]",)
-    if is_key:  # the message shows the key itself
-        inside = inside[:-2]
-    for _ in inside:
-        kind = _inner(kind)
-    kind = _inner(kind, key=True) if is_key else kind
-    expected = _expected(first, *_parts(kind))
-    return f"{_called((name, *inside))} is {reprlib.repr(first['input'])}: expected {expected}"
+    if first["type"] == "missing" and len(place) == 1:
+        return f"{place[0]} is missing: it has no default."
+    place, kind = _told(place, kinds.get(str(place[0])), first["type"] == "missing")
+    return f"{_called(place)} is {reprlib.repr(first['input'])}: expected {_expected(first, kind)}"
+
+
+def _told(
+    place: tuple[str | int, ...], kind: Any, is_short: bool
+) -> tuple[tuple[str | int, ...], Any]:
+    """Return the place of a value as it is told, and its annotation.
+
+    Pydantic's place also has the kind that was tried, where an annotation has several, and a mark
+    of what is a key; of a list that is too short it is what is missing.
+    """
+    told = list(place[:1])
+    kinds = [kind]
+    for part in place[1 : -1 if is_short else None]:
+        several = _alternatives(kinds[-1])
+        if part == "[key]":  # the message shows the key itself
+            return tuple(told[:-1]), _inner(kinds[-2], key=True)
+        if several and part == place[-1]:
+            break
+        if several:
+            kinds.append(next(one for one in several if _inner(one) is not None))
+        else:
+            told.append(part)
+            kinds.append(_inner(kinds[-1]))
+    return tuple(told), kinds[-1]
 
 
 def _called(place: tuple[str | int, ...]) -> str:
     return f"{place[0]}{''.join(f'[{part!r}]' for part in place[1:])}"
 
 
-def _expected(error: ErrorDetails, bare: Any, notes: tuple[Any, ...]) -> str:
+def _expected(error: ErrorDetails, kind: Any) -> str:
     """Return the end of a message: what was expected in place of a value."""
+    several = _alternatives(kind)
+    if several:
+        texts = (_expected(error, one).removesuffix(".") for one in several)
+        return f"{' or '.join(dict.fromkeys(texts))}."
+    bare, notes = _parts(kind)
+    text = next((note.text for note in notes if isinstance(note, Expected)), None)
+    if text is not None:
+        return f"{text}."
     if error["type"] == "literal_error":
         choices = typing.get_args(bare)
         return f"one of {', '.join(map(repr, choices))}.{near_names(str(error['input']), choices)}"
@@ -249,10 +296,21 @@ def _expected(error: ErrorDetails, bare: Any, notes: tuple[Any, ...]) -> str:
     if error["type"] == "too_short":
         least = error["ctx"]["min_length"]
         return f"at least {'one entry' if least == 1 else f'{least} entries'}."
-    texts = {bool: "true or false", str: "text", Mapping: "a mapping", tuple: "a list"}
-    text = texts.get(typing.get_origin(bare) or bare)
+    text = _TEXTS.get(typing.get_origin(bare) or bare)
     text = "a mapping" if dataclasses.is_dataclass(bare) else text
+    items = typing.get_args(bare) if typing.get_origin(bare) is tuple else (...,)
+    text = text if ... in items else f"a list of {len(items)}"
     return f"{text}." if text else f"{error['msg']}."
+
+
+_TEXTS: Mapping[Any, str] = {
+    bool: "true or false",
+    str: "text",
+    tuple: "a list",
+    list: "a list",
+    Mapping: "a mapping",
+    dict: "a mapping",
+}
 
 
 def _number_text(bare: type, notes: tuple[Any, ...]) -> str:
@@ -275,6 +333,13 @@ def _number_text(bare: type, notes: tuple[Any, ...]) -> str:
         case Lt(lt):
             text += f"{' and' if low else ''} below {lt:g}{unit}"
     return f"{text}{comma}{reason}"
+
+
+def _alternatives(kind: Any) -> list[Any]:
+    """Return the kinds of which an annotation accepts any, if they are several."""
+    bare = _parts(kind)[0]
+    is_union = typing.get_origin(bare) in (typing.Union, types.UnionType)
+    return [one for one in typing.get_args(bare) if one is not type(None)] if is_union else []
 
 
 def _inner(kind: Any, *, key: bool = False) -> Any:

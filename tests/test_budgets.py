@@ -19,7 +19,7 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_720,
+    "base": 1_785,
     "buffers": 660,
     "callbacks": 2_810,
     "cli": 3_100,
@@ -37,7 +37,7 @@ LINES = {
     "policies": 1_580,
     "reading": 930,
     "simulation": 1_190,
-    "training": 6_215,
+    "training": 6_180,
     "tuning": 2_330,
     "vec_env": 490,
     "viewing": 2_330,

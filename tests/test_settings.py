@@ -49,10 +49,10 @@ class Canvas:
     [
         ({"width": 0}, "width is 0: expected a whole number from 1 to 1920 pixels."),
         ({"width": True}, "width is True: expected a whole number from 1 to 1920 pixels."),
-        ({"width": 2.0}, "width is 2.0: expected a whole number from 1 to 1920 pixels."),
+        ({"width": 2.5}, "width is 2.5: expected a whole number from 1 to 1920 pixels."),
         ({"seed": 0}, "seed is 0: expected a whole number, 1 or more."),
         ({"scale": float("nan")}, "scale is nan: expected a finite number."),
-        ({"scale": "1"}, "scale is '1': expected a finite number."),
+        ({"scale": "1 m"}, "scale is '1 m': expected a finite number."),
         ({"file": 3}, "file is 3: expected text."),
         ({"grey": 1}, "grey is 1: expected true or false."),
         ({"style": "oils"}, "style is 'oils': expected one of 'oil', 'chalk'. Did you mean 'oil'?"),
@@ -127,8 +127,24 @@ def test_settings_within_settings_may_be_mappings_and_are_named_where_they_are()
         Gallery(first=3)
 
 
-def test_numbers_with_exponents_may_be_text_as_pyyaml_reads_them():
+def test_numbers_may_be_text_as_pyyaml_reads_them_and_whole_ones_floats():
     assert checked("scale", "1e-3", Number) == 0.001
-    assert checked("width", "1.0e3", Whole) == 1000
+    assert checked("width", "1.0e3", Whole) == checked("width", 1e3, Whole) == 1000
+    assert checked("seed", "9007199254740993", Whole) == 2**53 + 1
     with pytest.raises(ConfigError, match=r"width is '1e-3': expected a whole number"):
         checked("width", "1e-3", Whole)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("a", "it is 'a': expected a whole number or a list of 2."),
+        ([1, 2], "it[1] is 2: expected text."),
+        ([1], "it is (1,): expected a list of 2."),
+        ([1, "a", 2], "it is [1, 'a', 2]: expected a whole number or a list of 2."),
+    ],
+)
+def test_of_several_kinds_all_are_told_or_what_came_furthest(value, message):
+    with pytest.raises(ConfigError) as raised:
+        checked("it", value, Whole | Annotated[tuple[Whole, str], Listed] | None)
+    assert str(raised.value) == message

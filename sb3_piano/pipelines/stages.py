@@ -38,7 +38,6 @@ from sb3_piano.training.configuration.values import (
     coerce_mapping,
     parameters_of,
     plain,
-    zoo_number,
 )
 from sb3_piano.training.configuration.yaml_files import load_config, merged, read_yaml_mapping
 from sb3_piano.training.runs.start import without_learnt_entropy
@@ -242,7 +241,7 @@ def _condition(value: Any) -> Condition:
     """Return the condition that ``until`` has in YAML: ``{onset_f1: 0.8, patience: 2}``."""
     entries = coerce_mapping(value, "until")
     refuse_unknown(entries, (*CONDITIONS, *_OTHERS), "key", "until")
-    others = {name: zoo_number(entries.pop(name)) for name in _OTHERS if name in entries}
+    others = {name: entries.pop(name) for name in _OTHERS if name in entries}
     least = {name: checked(f"until.{name}", value, Share) for name, value in entries.items()}
     return Condition(thresholds=least, **others)
 

@@ -23,7 +23,7 @@ import sb3_piano.wrappers
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
 from sb3_piano.registration import ENTRY_POINT
-from sb3_piano.settings import NotNegative, Number, Positive, Share, Unit, checked
+from sb3_piano.settings import NotNegative, Number, Positive, Share, Unit, checked, number_in
 from sb3_piano.training import Plugin, RunConfig, entry_config
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.configuration.plugins import parse_plugins
@@ -31,7 +31,6 @@ from sb3_piano.training.configuration.values import (
     coerce_mapping,
     linear_start,
     parameters_of,
-    zoo_number,
 )
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.builders import build_model, build_vec_env
@@ -229,7 +228,7 @@ def _objection(
     try:
         for name, value in settings.items():
             start = linear_start(value)
-            number = zoo_number(value if start is None else start)
+            number = number_in(value if start is None else start)
             is_all = (name, number) == ("gradient_steps", -1)
             if name in _NEEDS and isinstance(number, int | float) and not is_all:
                 checked(name, number, _NEEDS[name])

@@ -132,7 +132,7 @@ def test_octaves_go_as_far_as_the_keyboard(name, options, most):
     [
         ("tempo", 0.99, "tempo is 0.99: expected a finite number from 1 to 1000 quarter"),
         ("tempo", 1001, "tempo is 1001: expected a finite number from 1 to 1000 quarter"),
-        ("tempo", "80", "tempo is '80': expected a finite number from 1 to 1000 quarter"),
+        ("tempo", "80 bpm", "tempo is '80 bpm': expected a finite number from 1 to 1000 quarter"),
         ("hands", "rihgt", "hands is 'rihgt': expected one of .*'left'. Did you mean 'right'"),
         ("hands", ["right"], r"hands is \['right'\]: expected one of"),
         ("repeats", 0, "repeats is 0: expected a whole number, 1 or more."),

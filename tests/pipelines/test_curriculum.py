@@ -132,7 +132,7 @@ def content(folder):
     [
         ({"env": "MountainCarContinuous-v0", "env_kwargs": None}, "Its observation_space is Box"),
         ({"normalize": True}, "Its normalize is True, that of the stage before False"),
-        ({"gamma": "high"}, "gamma is 'high': expected a number"),
+        ({"gamma": "high"}, "gamma is 'high': expected a finite number"),
         ({"piece": "hanon-99", "env": None}, "Unknown piece 'hanon-99'"),
         ({"env_kwargs": {"gravity": 9}}, "cannot be made with env_kwargs"),
         ({"with_buffer": True, "buffer_size": 90}, "n_envs and buffer_size are 1 and 90, of the"),

@@ -193,7 +193,7 @@ def test_after_the_last_step_there_is_no_action():
     [
         ("nominal", "plans", "nominal is 'plans': expected one of 'plan', 'none'.*'plan'"),
         ("samples", 0, "samples is 0: expected a whole number, 1 or more"),
-        ("samples", 2.0, "samples is 2.0"),
+        ("samples", 2.5, "samples is 2.5"),
         ("horizon", 0, "horizon is 0: expected a whole number, 1 or more"),
         ("seed", -1, "seed is -1: expected a whole number, 0 or more"),
         ("physics", "quick", "Unknown physics profile 'quick'"),

@@ -190,11 +190,11 @@ def test_what_is_not_trained_is_told_so_in_one_way(algo, capsys, caplog):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"samples": 2}, "Unknown key 'samples' for PlannedPianist"),
+        ({"samples": 2}, "Unknown key 'samples' of PlannedPianist"),
         ({"algo": "td3"}, "algo is 'td3': expected one of 'planned', 'sampling'"),
-        ({"settings": {"hovr": 1}}, "Unknown key 'hovr' for PlanSettings. Did you mean 'hover'"),
-        ({"settings": {"hover": "high"}}, "hover is 'high': expected a number"),
-        ({"settings": 3}, "settings is 3: expected a mapping or null"),
+        ({"settings": {"hovr": 1}}, "Unknown key 'hovr' of PlanSettings. Did you mean 'hover'"),
+        ({"settings": {"hover": "high"}}, "hover is 'high': expected a finite number"),
+        ({"settings": 3}, "settings is 3: expected a mapping"),
     ],
 )
 def test_arguments_of_a_planner_are_checked(arguments, message):

@@ -10,6 +10,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.training.configuration.names import full_name, import_name
 from sb3_piano.training.configuration.values import coerce, parse_zoo_text
 
+UNREAD = r"cannot be read \(.*\): expected literals, dict\(\.\.\.\) and names of classes"
 RATE = float | Callable[[float], float]
 
 
@@ -47,18 +48,18 @@ def test_a_value_becomes_what_its_parameter_expects(value, annotation, expected)
 @pytest.mark.parametrize(
     ("value", "annotation", "message"),
     [
-        ("fast", float, "key is 'fast': expected a number"),
-        ("fast", RATE, r"key is 'fast': expected a number or lin_<number>"),
-        ("lin_fast", RATE, "key is 'lin_fast': expected a number or lin_"),
+        ("fast", float, "key is 'fast': expected a finite number"),
+        ("fast", RATE, r"key is 'fast': expected a finite number or lin_<number>"),
+        ("lin_fast", RATE, "key is 'lin_fast': expected a finite number or lin_"),
         (2.5, int, r"key is 2\.5: expected a whole number"),
         (True, int, "key is True: expected a whole number"),
-        (True, float, "key is True: expected a number"),
+        (True, float, "key is True: expected a finite number"),
         (1, bool, "key is 1: expected true or false"),
         ("yes", bool, "key is 'yes': expected true or false"),
-        ("inf", float, "key is 'inf': expected a number"),
-        (None, float, "key is None: expected a number"),
+        ("inf", float, "key is 'inf': expected a finite number"),
+        (None, float, "key is None: expected a finite number"),
         ([1, 2], int | tuple[int, str], r"key\[1\] is 2: expected text"),
-        ({"pi": ["wide"]}, dict[str, list[int]], r"key\.pi\[0\] is 'wide': expected a whole"),
+        ({"pi": ["wide"]}, dict[str, list[int]], r"key\['pi'\]\[0\] is 'wide': expected a whole"),
         ("torch.nn.Relu", type[torch.nn.Module], "torch.nn has no 'Relu'. Did you mean 'ReLU'"),
     ],
 )
@@ -89,19 +90,25 @@ def test_literals_calls_of_dict_and_names_are_understood(text, value):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("dict(a=__import__('os').getcwd())", r"__import__\('os'\).getcwd\(\)\" in .* cannot be"),
-        ("dict(a=open('x'))", "cannot be read: expected literals"),
-        ("[x for x in (1, 2)]", "cannot be read: expected literals"),
-        ("dict(a=2**9)", "cannot be read: expected literals"),
-        ("dict([('a', 1)])", "cannot be read: expected literals"),
-        ("dict(**{'a': 1})", "cannot be read: expected literals"),
-        ("{1: 2}", "cannot be read: expected literals"),
-        ("dict(a=", "is no Python expression"),
-        ("a\0b", "is no Python expression"),
+        (
+            "dict(a=__import__('os').getcwd())",
+            r"__import__\('os'\).getcwd\(\)\)\" cannot be read .*: expected literals",
+        ),
+        ("dict(a=open('x'))", UNREAD),
+        ("[x for x in (1, 2)]", "'x' is no import path"),
+        ("dict(a=2**9)", UNREAD),
+        ("dict([('a', 1)])", UNREAD),
+        ("dict(**{'a': 1})", UNREAD),
+        ("{1: 2}", "has the key 1: expected text"),
+        ("dict(a=", UNREAD),
+        ("a\0b", UNREAD),
         ("dict(a=nn.Rellu)", "torch.nn has no 'Rellu'. Did you mean 'ReLU'"),
         ("dict(a=nowhere.Thing)", "'nowhere.Thing' cannot be imported: No module named"),
         ("dict(a=thing)", "'thing' is no import path"),
-        ("dict(a=importlib.import_module('os').system('x'))", "cannot be read: expected literals"),
+        (
+            "dict(a=importlib.import_module('os').system('x'))",
+            UNREAD,
+        ),
         ("importlib.import_module('a' + 'b').C", "is no import path"),
     ],
 )
@@ -131,5 +138,5 @@ def test_a_module_that_fails_while_it_is_imported_is_named(tmp_path, monkeypatch
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ConfigError, match="No module named 'missing_package'"):
         import_name("broken_module.Thing")
-    with pytest.raises(ConfigError, match="crashing_module raises ZeroDivisionError"):
+    with pytest.raises(ConfigError, match="it raises ZeroDivisionError"):
         import_name("crashing_module.Thing")

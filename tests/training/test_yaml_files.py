@@ -68,7 +68,7 @@ def test_an_environment_without_entry_is_answered_with_the_nearest_one():
         ("default:", r"a\.yml', entry 'default': It holds None: expected a mapping of hyper"),
         ("default: {gamma: 0.9}", "entry 'default': n_timesteps is missing"),
         ("default: {n_timestep: 5}", "n_timesteps is missing.* mean it by 'n_timestep'"),
-        ("Pendulum-v1: {n_timesteps: 5, gama: 1}", "entry 'Pendulum-v1': Unknown key 'gama' for"),
+        ("Pendulum-v1: {n_timesteps: 5, gama: 1}", "entry 'Pendulum-v1': Unknown key 'gama' of"),
         ("default: {n_timesteps: 5, tau: low}", "a.yml', entry 'default': tau is 'low': expected"),
         ("default: {n_timesteps: 5, 3: 4}", r"a\.yml' has the key 3: expected text"),
     ],

@@ -234,7 +234,7 @@ def check(text, entry=None, algo="td3", env_id=ENV_ID):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("gama: {float: [0, 1]}", "'gama' = 0.0: Unknown key 'gama' for TD3. Did you mean 'gamma'"),
+        ("gama: {float: [0, 1]}", "'gama' = 0.0: Unknown key 'gama' of TD3. Did you mean 'gamma'"),
         ("gamma: {float: [0.5, 1.5]}", "'gamma' = 1.5: .* expected a finite number from 0 to 1."),
         ("learning_rate: {float: [0, 1]}", "'learning_rate' = 0.0: .* finite number above 0."),
         ("batch_size: {float: [1, 9.5]}", "'batch_size' = 9.5: .* expected a whole number."),
@@ -307,7 +307,7 @@ def test_warnings_are_left_to_the_training():
 
 
 def test_an_entry_that_is_wrong_by_itself_is_not_blamed_on_the_space():
-    with pytest.raises(ConfigError, match="^Unknown key 'gama' for TD3"):
+    with pytest.raises(ConfigError, match="^Unknown key 'gama' of TD3"):
         check("gamma: {float: [0, 1]}", {"gama": 0.9})
     with pytest.raises(ConfigError, match=r"^There is no MIDI file 'none\.mid'"):
         check("gamma: {float: [0.6, 0.9]}", {"env_kwargs": {"score": "none.mid"}})

@@ -124,7 +124,7 @@ def test_what_an_entry_lacks_is_missing(entry, name):
         ({"env_wrapper": [{}]}, "env_wrapper.A.b", r".*\{\} is no entry for env_wrapper: expected"),
         ({"gamma": 0.9}, "gamma.x", "gamma is 0.9: expected a mapping"),
         ({"policy_kwargs": "dict(a=[1])"}, "policy_kwargs.a.b", "policy_kwargs.a is .*: expec"),
-        ({"policy_kwargs": "dict(a=)"}, "policy_kwargs.a", "'dict\\(a=\\)' is no Python"),
+        ({"policy_kwargs": "dict(a=)"}, "policy_kwargs.a", "'dict\\(a=\\)' cannot be read"),
     ],
 )
 def test_a_path_that_leads_nowhere_is_refused_by_name(entry, name, message):

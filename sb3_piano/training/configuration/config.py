@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.players import player_class
-from sb3_piano.settings import Number, Whole, checked, settings
+from sb3_piano.settings import Count, Index, NotNegative, Whole, checked, settings
 from sb3_piano.threads import MatmulPrecision
 from sb3_piano.training.configuration.env_spec import (
     MODEL,
@@ -34,7 +34,7 @@ from sb3_piano.training.configuration.env_spec import (
 )
 from sb3_piano.training.configuration.names import PLANNERS, algorithm_class
 from sb3_piano.training.configuration.plugins import Plugin
-from sb3_piano.training.configuration.values import check_arguments, class_of, plain, zoo_number
+from sb3_piano.training.configuration.values import check_arguments, class_of, plain
 from sb3_piano.vec_env import HandsAsAgents
 
 
@@ -47,8 +47,6 @@ def _arguments_of(function: Callable[..., Any], *reserved: str) -> BeforeValidat
     return BeforeValidator(read)
 
 
-_Whole = Annotated[Whole, BeforeValidator(zoo_number)]
-_Number = Annotated[Number, BeforeValidator(zoo_number)]
 _Plugins = tuple[Plugin, ...]
 
 PLAN = "plan"
@@ -73,7 +71,7 @@ class RunConfig:
     """Id of the environment; ``module:Id`` imports the module that registers it."""
     env_module: str | None = None
     """Module to import before the environment is made."""
-    seed: Annotated[_Whole, Ge(0)] | None = None
+    seed: Index | None = None
     """Seed of everything random, at least 0; ``None`` lets a training draw one and note it down."""
     env_kwargs: Arguments = field(default_factory=dict)
     """Keyword arguments of the environment."""
@@ -81,7 +79,7 @@ class RunConfig:
     """Wrappers put around each environment, the first one innermost."""
     algorithm_kwargs: Arguments = field(default_factory=dict)
     """Arguments of the constructor of the algorithm."""
-    n_timesteps: Annotated[_Whole, Ge(1), Le(10**15)]
+    n_timesteps: Annotated[Whole, Ge(1), Le(10**15)]
     """Environment steps to train for, over all environments together; at least 1. Where hands are
     agents, each hand's step is one."""
     policy: str = "MlpPolicy"
@@ -90,13 +88,13 @@ class RunConfig:
     """What ``RoboPianist-v0`` plays, in place of a ``score``: entries of
     :func:`~sb3_piano.music.select_pieces`. They are dealt out to the environments in turn; one that
     has several draws one for each episode."""
-    n_envs: Annotated[_Whole, Ge(1)] = 1
+    n_envs: Count = 1
     """Environments that play at the same time; at least 1."""
     vec_env: Literal["dummy", "threads", "processes", "subproc"] = "dummy"
     """``dummy``: one plays after the other; ``threads``: in threads of this process;
     ``processes``: in as many processes as there are cores; ``subproc``: each in a process of its
     own."""
-    num_threads: Annotated[_Whole, Ge(1)] | None = None
+    num_threads: Count | None = None
     """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_computing`
     chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
     matmul_precision: MatmulPrecision | None = None
@@ -116,7 +114,7 @@ class RunConfig:
     """Keyword arguments of ``Monitor``, such as ``info_keywords``."""
     noise_type: Literal["normal", "ornstein-uhlenbeck"] | None = None
     """Noise added to actions: ``normal``, ``ornstein-uhlenbeck`` or none."""
-    noise_std: Annotated[_Number, Ge(0)] | None = None
+    noise_std: NotNegative | None = None
     """Standard deviation of that noise, of actions in [-1, 1]; at least 0."""
 
     def __post_init__(self) -> None:
@@ -239,7 +237,7 @@ class PlannedConfig:
     """Id of the environment; ``module:Id`` imports the module that registers it."""
     env_module: str | None = None
     """Module to import before the environment is made."""
-    seed: Annotated[_Whole, Ge(0)] | None = None
+    seed: Index | None = None
     """Seed of everything random, at least 0."""
     env_kwargs: Arguments = field(default_factory=dict)
     """Keyword arguments of the environment."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import pkgutil
 import re
 import sys
 from collections.abc import Iterator
@@ -126,47 +127,39 @@ def refuse_unknown_package(name: str) -> None:
 
 def import_name(name: str) -> Any:
     """Return what an import path names, such as ``package.module.Class``."""
-    found = _imported(name)
-    if _known_only.get() and isinstance(found, type) and issubclass(found, _WRITERS):
-        raise ConfigError(
-            f"{name!r} is refused, as settings of an exported run write no files: expected no "
-            f"wrapper below {', '.join(writer.__name__ for writer in _WRITERS)}."
-        )
-    return found
-
-
-def _imported(name: str) -> Any:
     path = full_name(name)
     if not is_dotted(path):
         raise ConfigError(f"{name!r} is no import path: expected 'package.module.Name'.")
     if _known_only.get():
-        refuse_unknown_package(name)
-    found: Any = None
-    for part in path.split("."):
-        if found is None or (isinstance(found, ModuleType) and not hasattr(found, part)):
-            module = part if found is None else f"{found.__name__}.{part}"
-            try:
-                found = importlib.import_module(module)
-                continue
-            except ModuleNotFoundError as error:
-                if found is None or error.name != module:
-                    raise ConfigError(
-                        f"{name!r} cannot be imported: {error}. Expected 'package.module.Name' of "
-                        "an installed package."
-                    ) from error
-            except Exception as error:  # a module may fail in any way while it is imported
-                raise ConfigError(
-                    f"{name!r} cannot be imported: {module} raises {error!r}."
-                ) from error
-        if not hasattr(found, part):
-            raise ConfigError(
-                f"{name!r} cannot be imported: {getattr(found, '__name__', name)} has no {part!r}."
-                f"{near_names(part, dir(found))}"
-            )
-        found = getattr(found, part)
-        if _known_only.get() and isinstance(found, ModuleType):
-            refuse_unknown_package(found.__name__)  # torch.os is of another one
+        refuse_unknown_package(path)
+    try:
+        found = pkgutil.resolve_name(path)
+    except AttributeError as error:
+        where, part = getattr(error.obj, "__name__", name), str(error.name)
+        near = near_names(part, dir(error.obj))
+        raise ConfigError(f"{name!r} cannot be imported: {where} has no {part!r}.{near}") from error
+    except ImportError as error:
+        raise ConfigError(
+            f"{name!r} cannot be imported: {error}. Expected 'package.module.Name' of an installed "
+            "package."
+        ) from error
+    except Exception as error:  # a module may fail in any way while it is imported
+        raise ConfigError(f"{name!r} cannot be imported: it raises {error!r}.") from error
+    if _known_only.get():
+        _check_known(name, found)
     return found
+
+
+def _check_known(name: str, found: Any) -> None:
+    """Refuse what a known package has imported from others, and wrappers that write files."""
+    is_module = isinstance(found, ModuleType)
+    home = found.__name__ if is_module else getattr(found, "__module__", None)
+    refuse_unknown_package(str(home).partition(".")[0])
+    if isinstance(found, type) and issubclass(found, _WRITERS):
+        raise ConfigError(
+            f"{name!r} is refused, as settings of an exported run write no files: expected no "
+            f"wrapper below {', '.join(writer.__name__ for writer in _WRITERS)}."
+        )
 
 
 def import_class(name: str, *bases: type) -> type:

@@ -5,27 +5,27 @@ from __future__ import annotations
 import ast
 import collections.abc
 import dataclasses
+import functools
 import inspect
-import math
 import os
-import re
 import sys
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import torch
+from pydantic import AfterValidator, BeforeValidator, Field
 from stable_baselines3.common.buffers import BaseBuffer
 
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.settings import Expected, Number, Whole, checked, number_in, refuse_unknown
 from sb3_piano.training.configuration.names import full_name, import_class, import_name, is_dotted
 
 MODEL_PARTS = (torch.nn.Module, torch.optim.Optimizer, BaseBuffer)
 """Base classes of what an algorithm's arguments may name: networks, features extractors
 and policies, optimizers, buffers."""
 
-_LINEAR = re.compile(r"lin_(?P<start>.+)")
 _EXAMPLE = "dict(net_arch=[256, 256], activation_fn=nn.ReLU)"
 
 
@@ -60,40 +60,34 @@ def parse_zoo_text(text: str) -> Any:
     {'net_arch': [64, 64], 'n_critics': 2}
     """
     try:
-        parsed = _parsed(ast.parse(text.strip(), mode="eval").body, text)
+        parsed = ast.literal_eval(_Zoo().visit(ast.parse(text.strip(), mode="eval").body))
+        return plain(parsed, text)
     except ConfigError:
         raise
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:  # the last: too deep
+    except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError) as error:
         raise ConfigError(
-            f"{text!r} is no Python expression ({error}): expected text like {_EXAMPLE!r}."
+            f"{text!r} cannot be read ({one_line(error)}): expected literals, dict(...) and names "
+            f"of classes, as in {_EXAMPLE!r}."
         ) from error
-    return parsed
 
 
-def _parsed(node: ast.expr, text: str) -> Any:
-    match node:
-        case ast.Constant(value=None | bool() | int() | float() | str() as value):
-            return value
-        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
-            return -value
-        case ast.List(elts=items) | ast.Tuple(elts=items):
-            return [_parsed(item, text) for item in items]
-        case ast.Dict(keys=keys, values=values):
-            names = [getattr(key, "value", None) for key in keys]
-        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=keywords):
-            names, values = [k.arg for k in keywords], [k.value for k in keywords]
-        case ast.Name() | ast.Attribute():
-            path = full_name(ast.unparse(node))
-            import_name(path)
-            return path
-        case _:
-            names, values = [None], []
-    if not all(isinstance(name, str) for name in names):
-        raise ConfigError(
-            f"{ast.unparse(node)!r} in {text!r} cannot be read: expected literals, dict(...) and "
-            f"names of classes, as in {_EXAMPLE!r}."
-        )
-    return {name: _parsed(value, text) for name, value in zip(names, values, strict=True)}
+class _Zoo(ast.NodeTransformer):
+    """Make literals of the calls and names in a snippet."""
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        names = [keyword.arg for keyword in node.keywords]
+        if ast.unparse(node.func) != "dict" or node.args or None in names:
+            return node
+        values = [self.visit(keyword.value) for keyword in node.keywords]
+        return ast.Dict(keys=[ast.Constant(name) for name in names], values=values)
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        return self.visit_Attribute(node)
+
+    def visit_Attribute(self, node: ast.Name | ast.Attribute) -> ast.AST:
+        path = full_name(ast.unparse(node))
+        import_name(path)
+        return ast.Constant(path)
 
 
 def coerce_mapping(value: Any, key: str) -> dict[str, Any]:
@@ -142,19 +136,13 @@ def check_arguments(
     variadic = {n for n, p in parameters.items() if p.kind in (p.VAR_KEYWORD, p.VAR_POSITIONAL)}
     refused = {*reserved, *variadic}
     known = [name for name in parameters if name not in refused and not name.startswith("_")]
-    checked = {}
-    for name, value in arguments.items():
-        if name in known:
-            checked[name] = coerce(value, parameters[name].annotation, name)
-        elif takes_any and name not in refused:
-            checked[name] = value
-        else:
-            owner = getattr(function, "__name__", str(function))
-            raise ConfigError(
-                f"Unknown key {name!r} for {owner}.{near_names(str(name), [*known, *also_known])} "
-                f"Expected one of {', '.join(known)}."
-            )
-    return checked
+    given = [name for name in arguments if name in refused or not takes_any]
+    owner = getattr(function, "__name__", str(function))
+    refuse_unknown(given, known, "key", owner, also_near=also_known)
+    return {
+        name: coerce(value, parameters[name].annotation, name) if name in known else value
+        for name, value in arguments.items()
+    }
 
 
 def coerce(value: Any, annotation: Any, key: str) -> Any:
@@ -165,22 +153,29 @@ def coerce(value: Any, annotation: Any, key: str) -> Any:
     stay import paths, written in full, and the fields of a dataclass a mapping. Annotations that
     plain values cannot satisfy accept all.
     """
+    return checked(key, value, _fitted(annotation))
+
+
+@functools.cache
+def _fitted(annotation: Any) -> Any:
+    """Return an annotation of settings for one of a library, which knows nothing of YAML.
+
+    Of several kinds numbers come before text, so that ``1e-3`` becomes one where both may stand.
+    """
     options = {_kind(option): option for option in _options(annotation)}
-    wanted = [kind for kind in _WORDS if kind in options]
-    for kind in wanted:
-        fitting = _read(kind, options[kind], value, key)
-        if fitting is not _UNFIT:
-            return fitting
-    if not wanted:
-        return value
-    expected = " or ".join(dict.fromkeys(_WORDS[kind] for kind in options if kind in _WORDS))
-    raise ConfigError(f"{key} is {value!r}: expected {expected}.")
+    kinds = tuple(_KINDS[kind](options[kind]) for kind in _KINDS if kind in options)
+    fitted: Any = kinds[0] if kinds else Any
+    if len(kinds) > 1:
+        fitted = Annotated[typing.Union[kinds], Field(union_mode="left_to_right")]  # noqa: UP007
+    return fitted | None if kinds and type(None) in options else fitted
 
 
 def linear_start(value: Any) -> float | None:
     """Return the ``x`` of ``"lin_x"``, or ``None`` for anything else."""
-    match = _LINEAR.fullmatch(value) if isinstance(value, str) else None
-    return None if match is None else _number(match["start"])
+    if not isinstance(value, str) or not value.startswith("lin_"):
+        return None
+    start = number_in(value.removeprefix("lin_"))
+    return None if isinstance(start, str) else float(start)
 
 
 def classes_made(value: Any, key: str) -> Any:
@@ -212,78 +207,59 @@ def _options(annotation: Any) -> tuple[Any, ...]:
 
 
 def _kind(option: Any) -> Any:
-    """Return the key of :data:`_WORDS` that stands for one type."""
+    """Return the key of :data:`_KINDS` that stands for one type."""
     return dict if dataclasses.is_dataclass(option) else typing.get_origin(option) or option
 
 
-def zoo_number(value: Any) -> Any:
-    """Return the number that text stands for, a whole float as an integer; all else as it is."""
-    number = _number(value)
-    if number is None:
-        return value
-    return int(number) if number == int(number) else number
+def _linear(text: str) -> str:
+    if linear_start(text) is None:
+        raise ValueError(f"{text!r} is no schedule")
+    return text
 
 
-def _number(value: Any) -> int | float | None:
-    """Return a finite number, also from text; ``None`` for all else, ``True`` included."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        return None
-    try:
-        number = value if isinstance(value, int) else float(value)
-        return number if math.isfinite(number) else None
-    except (ValueError, OverflowError):  # the latter of whole numbers beyond all floats
-        return None
+def _class(option: Any) -> Any:
+    """Return the annotation of a class by its import path."""
+    bases = tuple(base for base in typing.get_args(option) if isinstance(base, type))
+
+    def full(name: str) -> str:
+        import_class(name, *(bases or MODEL_PARTS))
+        return full_name(name)
+
+    return Annotated[str, AfterValidator(full), Expected("an import path")]
 
 
-_UNFIT: Any = object()
+def _mapping(option: Any) -> Any:
+    """Return the annotation of a mapping, also as the Zoo's ``dict(...)``."""
+    text = BeforeValidator(lambda v: parse_zoo_text(v) if isinstance(v, str) else v)
+    if dataclasses.is_dataclass(option):
+        made: Any = option
+        return Annotated[dict[str, Any], AfterValidator(lambda v: check_arguments(v, made)), text]
+    _, items = typing.get_args(option) or (str, Any)
+    return Annotated[dict[str, _fitted(items)], text]  # type: ignore[misc]
 
-_WORDS: Mapping[Any, str] = {
-    type(None): "null",
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    collections.abc.Callable: "lin_<number>",
-    type: "an import path",
-    dict: "a mapping",
-    list: "a list",
-    tuple: "a list",
-    str: "text",
+
+def _sequence(option: Any) -> Any:
+    """Return the annotation of a list or tuple, given as either."""
+    kind = typing.get_origin(option) or option
+    items = tuple(one if one is ... else _fitted(one) for one in typing.get_args(option))
+    either = BeforeValidator(lambda v: kind(v) if isinstance(v, (list, tuple)) else v)
+    return Annotated[kind[items] if items else kind, either]
+
+
+_KINDS: Mapping[Any, Callable[[Any], Any]] = {
+    bool: lambda option: bool,
+    int: lambda option: Whole,
+    float: lambda option: Number,
+    collections.abc.Callable: lambda option: Annotated[
+        str, AfterValidator(_linear), Expected("lin_<number>")
+    ],
+    type: _class,
+    dict: _mapping,
+    list: _sequence,
+    tuple: _sequence,
+    str: lambda option: str,
 }
-"""Types that plain values can satisfy, in words, in the order in which they are tried: numbers come
-before text, so that ``1e-3`` becomes one where both may stand."""
-
-
-def _read(kind: Any, option: Any, value: Any, key: str) -> Any:
-    """Return a value as one kind of type wants it, or ``_UNFIT``."""
-    of = typing.get_args(option)
-    if kind in (int, float):
-        number = _number(value)
-        return _UNFIT if number is None or number != kind(number) else kind(number)
-    if kind is collections.abc.Callable:
-        return _UNFIT if linear_start(value) is None else value
-    if kind is type and isinstance(value, str):
-        class_of(value, tuple(base for base in of if isinstance(base, type)) or MODEL_PARTS, key)
-        return full_name(value)
-    if kind is dict and isinstance(value, (str, Mapping)):
-        items = coerce_mapping(value, key)
-        if dataclasses.is_dataclass(option):
-            made: Any = option
-            return check_arguments(items, made)
-        return {n: coerce(v, of[1] if of else Any, f"{key}.{n}") for n, v in items.items()}
-    if kind in (list, tuple):
-        return _read_sequence(kind, of, value, key)
-    return value if kind is not type and isinstance(value, kind) else _UNFIT
-
-
-def _read_sequence(kind: Any, of: tuple[Any, ...], value: Any, key: str) -> Any:
-    if not isinstance(value, (list, tuple)):
-        return _UNFIT
-    if not of or kind is list or of[-1] is Ellipsis:
-        of = (of[:1] or (Any,)) * len(value)
-    if len(of) != len(value):
-        return _UNFIT
-    pairs = enumerate(zip(value, of, strict=True))
-    return kind(coerce(item, annotation, f"{key}[{i}]") for i, (item, annotation) in pairs)
+"""What makes the annotation of settings for each type that plain values can satisfy."""
 
 
 def class_of(name: str, bases: tuple[type, ...], key: str) -> Any:

@@ -1,6 +1,6 @@
 """Scores of a few notes."""
 
-from sb3_piano.music import Note, Pedal, Score
+from sb3_piano.music import Note, Pedal, Score, write_midi
 
 
 def note_of(onset, offset, pitch=60, label=-1, **fields):
@@ -19,3 +19,16 @@ def score_of(*notes, pedals=(), **fields):
     """
     presses = [Pedal(onset=onset, offset=offset) for onset, offset in pedals]
     return Score(notes=[note_of(*note) for note in notes], pedals=presses, **fields)
+
+
+def tune(first=60, finger=-1, n_notes=3):
+    """Return notes of half a second, one after the other, some of them a whole tone higher."""
+    notes = ((i * 0.5, i * 0.5 + 0.4, first + 2 * (i % 9), finger) for i in range(n_notes))
+    return score_of(*notes)
+
+
+def save_tune(path, first=60, **fields):
+    """Write a tune as a MIDI file, and return its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_midi(tune(first, **fields), path)
+    return path

@@ -3,9 +3,12 @@
 import itertools
 
 import pytest
+from tables import Tables
 
 from sb3_piano.envs import RETURN_KEYS
 from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS, has_value
+
+tables = Tables(__file__)
 
 
 def test_every_number_of_an_episode_is_defined_and_no_other():
@@ -40,33 +43,11 @@ def test_words_fit_in_a_line_and_end_as_they_should(definition):
     assert (definition.unit == "/s") == definition.name.endswith("_per_second")
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "text"),
-    [
-        ("f1", 0.12345, "0.123"),
-        ("f1", -0.0001, "0.000"),
-        ("length", 161.0, "161"),
-        ("return_energy", -1.254, "-1.25"),
-        ("onset_error_mean_ms", -0.04, "0.0"),
-        ("effective_fingers_left", 2.0, "2.00"),
-    ],
-)
+@tables("name, value, text")
 def test_a_value_has_as_many_decimals_as_are_worth_showing(name, value, text):
     assert DEFINITIONS[name].rounded(value) == text
 
 
-@pytest.mark.parametrize(
-    ("name", "metrics", "expected"),
-    [
-        ("onset_error_mean_ms", {"onset_error_mean_ms": 0.0, "onset_recall": 0.5}, True),
-        ("onset_error_mean_ms", {"onset_error_mean_ms": 0.0, "onset_recall": 0.0}, False),
-        ("onset_error_std_ms", {"onset_error_std_ms": 0.0, "onset_recall": 0.0}, False),
-        ("onset_error_std_ms", {"onset_error_std_ms": 0.0}, True),
-        ("onset_recall", {"onset_recall": 0.0}, True),
-        ("fingering_agreement", {"fingering_agreement": 1.0, "non_silent_f1": 0.0}, False),
-        ("fingering_agreement", {"fingering_agreement": 0.0, "non_silent_f1": 0.1}, True),
-        ("f1", {"onset_recall": 0.0}, False),
-    ],
-)
+@tables("name, metrics, expected")
 def test_timing_and_fingers_have_a_value_where_something_was_hit(name, metrics, expected):
     assert has_value(name, metrics) is expected

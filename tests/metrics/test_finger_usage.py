@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tables import Tables
 
 from sb3_piano.metrics import (
     KeyBoxes,
@@ -15,6 +16,8 @@ from sb3_piano.metrics import (
     fingering_agreement,
     nearest_fingers,
 )
+
+tables = Tables(__file__)
 
 FAR = 10.0  # m, where fingers are that do not matter
 
@@ -88,18 +91,7 @@ class TestShares:
 
 
 class TestEffectiveFingers:
-    @pytest.mark.parametrize(
-        ("shares", "expected"),
-        [
-            ([1, 0, 0], 1),
-            ([1 / 2, 1 / 2, 0], 2),
-            ([0.1] * 10, 10),
-            ([0.2, 0, 0.2, 0.2, 0], 3),  # one hand's share of 0.6, evenly over three fingers
-            ([3 / 4, 1 / 4], (4 / 3) ** (3 / 4) * 4 ** (1 / 4)),  # product of p ** -p
-            ([0, 0, 0, 0, 0], 0),
-            ([], 0),
-        ],
-    )
+    @tables("shares, expected")
     def test_effective_fingers_of_hand_worked_cases(self, shares, expected):
         assert effective_fingers(shares) == pytest.approx(expected)
 

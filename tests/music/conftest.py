@@ -3,7 +3,7 @@
 import pytest
 
 from sb3_piano.cli import main
-from sb3_piano.music.library import DATA_VARIABLE
+from sb3_piano.music.library import DATA_VARIABLE, Library
 
 
 @pytest.fixture(autouse=True)
@@ -11,6 +11,20 @@ def data(tmp_path, monkeypatch):
     """A data folder of the test's own."""
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
     return tmp_path / "data"
+
+
+@pytest.fixture
+def library():
+    """The library in that folder."""
+    return Library()
+
+
+@pytest.fixture
+def music(tmp_path):
+    """A folder for files of music."""
+    folder = tmp_path / "music"
+    folder.mkdir()
+    return folder
 
 
 @pytest.fixture

@@ -4,11 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import score_of
+from tables import Tables
 
 from sb3_piano.music import BUILT_IN
 from sb3_piano.music.fingering import assign_hands, without_fingers
 from sb3_piano.music.fingering.hand_search import search
 from sb3_piano.music.fingering.split import _Pianist
+
+tables = Tables(__file__)
 
 
 def score(*notes):
@@ -87,15 +90,7 @@ def test_a_score_whose_hands_are_all_known_is_returned_as_it_is():
     assert assign_hands(known) is known
 
 
-@pytest.mark.parametrize(
-    ("name", "least"),
-    [
-        *((name, 1.0) for name in ("scale-CMajor", "scale-FSharpHarmonicMinor", "arpeggio-EMinor")),
-        *((f"hanon-{number:02d}", 0.97) for number in (1, 8, 13, 17)),
-        *((f"repertoire-{name}", 0.97) for name in ("BachMinuetG", "OdeToJoy")),
-        ("repertoire-MapleLeafRag", 0.95),
-    ],
-)
+@tables("name, least")
 def test_music_finds_its_hands_again(name, least):
     assert share_recovered(name) >= least
 

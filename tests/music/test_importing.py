@@ -5,39 +5,21 @@ import signal
 import time
 
 import pytest
-from short_scores import score_of
+from short_scores import save_tune as save
+from short_scores import tune
+from tables import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import read_midi, write_midi, write_musicxml
+from sb3_piano.music import read_midi, write_musicxml
 from sb3_piano.music.fingering import finger_score
 from sb3_piano.music.library import Library, import_path
 from sb3_piano.music.library.piece_file import write_piece
 from sb3_piano.music.library.task import ImportTask, run_tasks
 
+tables = Tables(__file__)
+
 PIG_LINES = "//Version: PianoFingering_v170101\n0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
-
-
-@pytest.fixture
-def library(tmp_path):
-    return Library(tmp_path / "library")
-
-
-@pytest.fixture
-def music(tmp_path):
-    folder = tmp_path / "music"
-    folder.mkdir()
-    return folder
-
-
-def tune(first=60, finger=-1, n_notes=3):
-    return score_of(*((i * 0.5, i * 0.5 + 0.4, first + 2 * i, finger) for i in range(n_notes)))
-
-
-def save(path, first=60, **fields):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_midi(tune(first, **fields), path)
-    return path
 
 
 def fingers(score):
@@ -58,36 +40,22 @@ def reasons(report):
 class TestOneFile:
     def test_it_becomes_a_piece_of_its_name(self, music, library):
         path = save(music / "My Etude.mid")
-        report = import_path(path, library)
+        report = import_path(path)
         assert (report.imported, report.present, report.unusable) == (("My-Etude",), (), ())
         piece = library.pieces()["My-Etude"]
-        assert (piece.title, piece.source, piece.collection) == (
-            "My Etude",
-            "My Etude.mid",
-            "imported",
-        )
+        facts = [piece.title, piece.source, piece.collection]
+        assert facts == ["My Etude", "My Etude.mid", "imported"]
         assert piece.score().notes == finger_score(read_midi(path)).notes
         info = library.info("My-Etude")
         assert info.path == str(path)
         assert len(info.sha256) == 64
         assert info.features is not None
 
-    @pytest.mark.parametrize(
-        ("given", "setting", "chosen", "expected"),
-        [
-            (-1, None, "ergonomic", [0, 1, 2]),
-            (-1, "ergonomic", "ergonomic", [0, 1, 2]),
-            (4, "ergonomic", "its file", [4, 4, 4]),
-            (-1, "robot", "robot", [0, 1, 2]),
-            (-1, "keep", "none", [-1, -1, -1]),
-            (4, "keep", "its file", [4, 4, 4]),
-            (4, "optimal-transport", "optimal transport", [-1, -1, -1]),
-        ],
-    )
+    @tables("given, setting, chosen, expected")
     def test_its_fingers_are_chosen_as_asked_for(
         self, music, library, given, setting, chosen, expected
     ):
-        import_path(save(music / "etude.mid", finger=given), library, fingering=setting)
+        import_path(save(music / "etude.mid", finger=given), fingering=setting)
         score = library.score("etude")
         if chosen in ("ergonomic", "robot"):
             assert all(finger >= 0 for finger in fingers(score))
@@ -97,7 +65,7 @@ class TestOneFile:
 
     def test_labels_that_are_partly_there_are_kept_and_completed(self, music, library):
         (music / "etude.txt").write_text(PIG_LINES + "1\t1.0\t2.0\tE4\t80\t80\t0\t0\n")
-        import_path(music / "etude.txt", library)
+        import_path(music / "etude.txt")
         first, second = library.score("etude").notes
         assert first.finger == 0
         assert 0 < second.finger < 5
@@ -106,41 +74,38 @@ class TestOneFile:
     def test_labels_may_come_from_another_file(self, music, library):
         path = save(music / "etude.mid")
         (music / "labels.txt").write_text(PIG_LINES)
-        import_path(path, library, fingering=music / "labels.txt")
+        import_path(path, fingering=music / "labels.txt")
         assert fingers(library.score("etude"))[0] == 0
         assert library.info("etude").fingering == "file labels.txt"
-        assert import_path(path, library, fingering=music / "labels.txt").present == ("etude",)
+        assert import_path(path, fingering=music / "labels.txt").present == ("etude",)
         (music / "labels.txt").write_text(PIG_LINES.replace("\t1\n", "\t2\n"))
-        assert import_path(path, library, fingering=music / "labels.txt").imported == ("etude",)
+        assert import_path(path, fingering=music / "labels.txt").imported == ("etude",)
         assert fingers(library.score("etude"))[0] == 1
 
-    def test_it_may_be_given_a_name(self, music, library):
+    def test_it_may_be_given_a_name(self, music):
         path = save(music / "etude.mid")
-        assert import_path(path, library, name="mine").imported == ("mine",)
-        assert import_path(path, library, name="mine").present == ("mine",)
+        assert import_path(path, name="mine").imported == ("mine",)
+        assert import_path(path, name="mine").present == ("mine",)
 
     @pytest.mark.parametrize(
         "name", ["debug-CMajorScaleOneHand", "FurElise", "etude-12-WaltzOp64No1"]
     )
-    def test_the_name_of_a_built_in_piece_and_of_the_pig_datas_is_changed(
-        self, music, library, name
-    ):
-        report = import_path(save(music / f"{name}.mid"), library)
-        assert report.imported == (f"music-{name}",)
+    def test_the_name_of_a_built_in_piece_and_of_the_pig_datas_is_changed(self, music, name):
+        assert import_path(save(music / f"{name}.mid")).imported == (f"music-{name}",)
 
     def test_what_has_a_name_that_no_piece_can_have_any_more_gets_another(self, music, library):
         path = save(music / "FurElise.mid")
-        import_path(path, library)
+        import_path(path)
         info, score = library.info("music-FurElise"), library.score("music-FurElise")
         library.remove("music-FurElise")
         former = dataclasses.replace(info, name="FurElise")  # as it was once called
         write_piece(library.path("FurElise"), score, former)
-        report = import_path(path, library, fingering="robot")
+        report = import_path(path, fingering="robot")
         assert (report.imported, report.unusable) == (("music-FurElise",), ())
 
-    def test_what_was_left_out_is_noted(self, music, library):
+    def test_what_was_left_out_is_noted(self, music):
         (music / "odd.txt").write_text(PIG_LINES + "1\t1.0\t1.0\tC4\t80\t80\t0\t1\n")
-        report = import_path(music / "odd.txt", library)
+        report = import_path(music / "odd.txt")
         assert report.imported == ("odd",)
         assert "1 note without length" in report.notes[0].reason
 
@@ -153,7 +118,7 @@ class TestFolder:
         save(music / "__MACOSX" / "c.mid", 63)
         save(music / ".git" / "d.mid", 64)
         (music / "e.txt").write_text(PIG_LINES)
-        report = import_path(music, library, jobs=1)
+        report = import_path(music, jobs=1)
         assert report.imported == ("a", "b", "e")
         assert library.info("b").source == "deep/er/b.MIDI"
 
@@ -166,7 +131,7 @@ class TestFolder:
         save(music / "f.mid", 62)
         (music / "README.txt").write_text("MIDI files from 2018, recorded by pianists")
         (music / "pom.xml").write_text("<project></project>")
-        report = import_path(music, library, jobs=1)
+        report = import_path(music, jobs=1)
         assert report.imported == ("a", "c", "f")
         assert sorted(reasons(report)) == ["b.mid", "d.mid", "e.xml", "g.mid"]
         assert list(library.names()) == ["a", "c", "f"]
@@ -174,20 +139,17 @@ class TestFolder:
     def test_files_of_one_name_get_that_of_their_folder_too(self, music, library):
         for number, folder in enumerate(("Bach", "Chopin", "x/Chopin")):
             save(music / folder / "etude.mid", 60 + number)
-        report = import_path(music, library, jobs=1)
+        report = import_path(music, jobs=1)
         assert report.imported == ("Chopin-etude", "Chopin-etude-2", "etude")
-        assert {library.info(name).path.split("music/")[1] for name in report.imported} == {
-            "Bach/etude.mid",
-            "Chopin/etude.mid",
-            "x/Chopin/etude.mid",
-        }
-        assert len(import_path(music, library, jobs=1).present) == 3
+        paths = [library.info(name).path.split("music/")[1] for name in report.imported]
+        assert sorted(paths) == [f"{name}/etude.mid" for name in ("Bach", "Chopin", "x/Chopin")]
+        assert len(import_path(music, jobs=1).present) == 3
 
-    def test_a_file_that_is_there_twice_is_imported_once(self, music, library):
+    def test_a_file_that_is_there_twice_is_imported_once(self, music):
         save(music / "a.mid")
         (music / "copy.mid").write_bytes((music / "a.mid").read_bytes())
         for imported, present in ((("a",), ()), ((), ("a",))):
-            report = import_path(music, library, jobs=1)
+            report = import_path(music, jobs=1)
             assert (report.imported, report.present, report.copies) == (imported, present, 1)
 
     def test_other_parts_of_a_file_are_another_piece(self, music, library):
@@ -205,60 +167,36 @@ class TestFolder:
             + "</score-partwise>"
         )
         for part, name in (("S", "three"), ("A", None), ("1", None)):
-            import_path(music / "choir.xml", library, name=name, parts=[part], jobs=1)
+            import_path(music / "choir.xml", name=name, parts=[part], jobs=1)
         pitches = {n: p.score().notes[0].pitch for n, p in library.pieces().items()}
         assert pitches == {"three": 72, "choir": 60, "music-choir": 48}
-        assert import_path(music / "choir.xml", library, parts=["A"], jobs=1).present == ("choir",)
+        assert import_path(music / "choir.xml", parts=["A"], jobs=1).present == ("choir",)
 
-    def test_maestro_tells_composer_and_title(self, music, library):
-        save(music / "2018" / "MIDI-Unprocessed_wav--1.midi")
-        row = {
-            "canonical_composer": "Frédéric Chopin",
-            "canonical_title": "Étude, Op. 10",
-            "midi_filename": "2018/MIDI-Unprocessed_wav--1.midi",
-        }
-        lines = [",".join(row), ",".join(f'"{value}"' for value in row.values())]
-        (music / "maestro-v3.0.0.csv").write_text("\n".join(lines), encoding="utf-8")
-        report = import_path(music, library, jobs=1)
-        assert report.imported == ("MIDI-Unprocessed_wav-1",)
-        title = library.pieces()["MIDI-Unprocessed_wav-1"].title
-        assert title == "Frédéric Chopin: Étude, Op. 10"
-
-    def test_a_damaged_table_of_maestros_is_listed(self, music, library):
-        save(music / "a.midi")
-        (music / "maestro-v3.0.0.csv").write_text("midi_filename\na.midi")
-        report = import_path(music, library, jobs=1)
-        assert report.imported == ("a",)
-        assert "MAESTRO's table" in report.unusable[0].reason
-
-    def test_a_table_of_maestros_that_is_cut_short_gives_the_titles_that_it_has(
-        self, music, library
-    ):
-        save(music / "a.midi")
-        table = (
-            "canonical_composer,canonical_title,split,midi_filename\nBach,Air,test,a.midi\nBerg,So"
-        )
-        (music / "maestro-v3.0.0.csv").write_text(table)
-        report = import_path(music, library, jobs=1)
-        assert (report.imported, report.unusable) == (("a",), ())
-        assert library.info("a").title == "Bach: Air"
+    @tables("table, title, reason")
+    def test_maestros_table_tells_composer_and_title(self, music, library, table, title, reason):
+        save(music / "2018" / "MIDI_wav--1.midi")
+        (music / "maestro-v3.0.0.csv").write_text(table, encoding="utf-8")
+        report = import_path(music, jobs=1)
+        assert report.imported == ("MIDI_wav-1",)
+        assert library.info("MIDI_wav-1").title == title
+        assert [reason in one.reason for one in report.unusable] == [True] * bool(reason)
 
     @pytest.mark.parametrize("head", ["\ufeff", "\n\n", "\ufeff\n// of whom\n"])
-    def test_text_with_a_byte_order_mark_or_empty_lines_is_music_too(self, music, library, head):
+    def test_text_with_a_byte_order_mark_or_empty_lines_is_music_too(self, music, head):
         (music / "a.txt").write_text(head + PIG_LINES, encoding="utf-8")
-        assert import_path(music, library, jobs=1).imported == ("a",)
+        assert import_path(music, jobs=1).imported == ("a",)
 
-    def test_xml_in_utf_16_is_music_too(self, music, library):
+    def test_xml_in_utf_16_is_music_too(self, music):
         write_musicxml(tune(), music / "a.musicxml")
         text = (music / "a.musicxml").read_text(encoding="utf-8").replace("UTF-8", "UTF-16", 1)
         (music / "a.musicxml").unlink()
         (music / "b.xml").write_text(text, encoding="utf-16")
-        assert import_path(music, library, jobs=1).imported == ("b",)
+        assert import_path(music, jobs=1).imported == ("b",)
 
-    def test_names_of_one_file_in_two_folders_are_cut_where_file_systems_do(self, music, library):
+    def test_names_of_one_file_in_two_folders_are_cut_where_file_systems_do(self, music):
         for number, folder in enumerate(("一" * 40, "二" * 40)):
             save(music / folder / f"{'月' * 60}.mid", 60 + number)
-        report = import_path(music, library, jobs=1)
+        report = import_path(music, jobs=1)
         assert (len(report.imported), report.unusable) == (2, ())
 
     def test_a_name_in_another_encoding_gives_a_title_that_can_be_written(
@@ -294,58 +232,58 @@ class TestFolder:
 class TestAgain:
     def test_what_is_there_stays_and_another_fingering_or_content_replaces_it(self, music, library):
         save(music / "a.mid")
-        import_path(music, library, fingering="keep")
+        import_path(music, fingering="keep")
         assert not library.score("a").has_fingering
-        assert import_path(music, library).imported == ("a",)
+        assert import_path(music).imported == ("a",)
         assert library.score("a").has_fingering
         before = library.path("a").stat().st_mtime_ns
-        report = import_path(music, library)
+        report = import_path(music)
         assert (report.imported, report.present) == ((), ("a",))
         assert library.path("a").stat().st_mtime_ns == before
         save(music / "a.mid", 70)
-        assert import_path(music, library).imported == ("a",)
+        assert import_path(music).imported == ("a",)
         assert library.score("a").notes[0].pitch == 70
 
     @pytest.mark.parametrize("fingering", [None, "keep"])
     def test_two_files_do_not_replace_one_piece(self, music, library, fingering):
         save(music / "a.mid", 60)
-        import_path(music, library, fingering="keep")
+        import_path(music, fingering="keep")
         (music / "a.mid").rename(music / "b.mid")
         save(music / "a.mid", 70)
-        report = import_path(music, library, jobs=1, fingering=fingering)
+        report = import_path(music, jobs=1, fingering=fingering)
         assert report.imported == ("a", "b")
         assert [library.score(name).notes[0].pitch for name in "ab"] == [70, 60]
 
     def test_a_file_that_is_two_pieces_replaces_the_one_of_its_fingering(self, music, library):
         path = save(music / "piece.mid")
-        import_path(path, library)
-        import_path(path, library, fingering="optimal-transport", name="piece_without_labels")
+        import_path(path)
+        import_path(path, fingering="optimal-transport", name="piece_without_labels")
         save(path, 70)
-        assert import_path(path, library).imported == ("piece",)
+        assert import_path(path).imported == ("piece",)
         firsts = {name: library.score(name).notes[0].pitch for name in library.names()}
         assert firsts == {"piece": 70, "piece_without_labels": 60}
-        assert import_path(path, library, fingering="robot").imported == ("piece",)
+        assert import_path(path, fingering="robot").imported == ("piece",)
 
     def test_what_is_said_to_be_there_is_not_replaced_by_another_file(self, music, library):
         save(music / "song.mid", 60)
-        import_path(music, library)
+        import_path(music)
         (music / "song.mid").rename(music / "song-old.mid")  # which comes first
         save(music / "song.mid", 70)
-        report = import_path(music, library, jobs=1)
+        report = import_path(music, jobs=1)
         assert (report.imported, report.present) == (("music-song",), ("song",))
         assert library.score("song").notes[0].pitch == 60
 
     def test_a_name_of_another_piece_is_refused(self, music, library):
-        import_path(save(music / "a.mid", 60), library, name="mine")
+        import_path(save(music / "a.mid", 60), name="mine")
         with pytest.raises(ConfigError, match="There is another piece 'mine', of '.*a.mid': exp"):
-            import_path(save(music / "b.mid", 70), library, name="mine")
-        import_path(save(music / "a.mid", 72), library, name="mine")  # the same file, changed
+            import_path(save(music / "b.mid", 70), name="mine")
+        import_path(save(music / "a.mid", 72), name="mine")  # the same file, changed
         assert library.score("mine").notes[0].pitch == 72
 
     def test_a_damaged_piece_is_not_written_over(self, music, library):
-        library.folder.mkdir()
+        library.folder.mkdir(parents=True)
         library.path("a").write_bytes(b"damaged")
-        assert import_path(save(music / "a.mid"), library).imported == ("music-a",)
+        assert import_path(save(music / "a.mid")).imported == ("music-a",)
         assert library.path("a").read_bytes() == b"damaged"
 
 
@@ -363,10 +301,7 @@ def test_a_piece_that_kills_its_process_is_listed_and_all_others_are_imported(mu
     tasks = [task_of(save(music / f"{name}.mid"), read_or_die) for name in names]
     told = []
     run_tasks(
-        tasks,
-        library.folder,
-        2,
-        lambda task, outcome: told.append((task.names[0][0], outcome.error)),
+        tasks, library.folder, 2, lambda task, done: told.append((task.path.stem, done.error))
     )
     assert sorted(name for name, _ in told) == sorted(names)
     assert [(name, "was killed" in error) for name, error in told if error] == [("deadly", True)]
@@ -390,7 +325,7 @@ def test_a_piece_that_does_not_fit_on_the_disk_leaves_nothing(music, library):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, limits[1]))
     try:
-        report = import_path(path, library)
+        report = import_path(path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert "OSError" in reasons(report)["a.mid"]
@@ -398,31 +333,24 @@ def test_a_piece_that_does_not_fit_on_the_disk_leaves_nothing(music, library):
 
 
 class TestRefusals:
-    @pytest.mark.parametrize(
-        ("name", "message"),
-        [
-            ("nowhere", "There is no '.*nowhere': expected a .mid"),
-            ("a.wav", "Cannot tell the format of '.*a.wav'.*a folder"),
-            ("music", "music' has no music in it: expected a .mid"),
-        ],
-    )
-    def test_a_path_without_music(self, music, tmp_path, library, name, message):
+    @tables("name, message")
+    def test_a_path_without_music(self, music, tmp_path, name, message):
         (tmp_path / "a.wav").touch()
         with pytest.raises(ScoreError, match=message):
-            import_path(tmp_path / name, library)
+            import_path(tmp_path / name)
 
     def test_a_library_that_cannot_be_written_to(self, music, tmp_path):
         (tmp_path / "file").touch()
         with pytest.raises(ConfigError, match="Cannot keep pieces in .*SB3_PIANO_DATA may name"):
             import_path(save(music / "a.mid"), Library(tmp_path / "file" / "pieces"))
 
-    def test_a_file_with_labels_for_several_pieces(self, music, library):
+    def test_a_file_with_labels_for_several_pieces(self, music):
         save(music / "a.mid", 60)
         save(music / "b.mid", 61)
         with pytest.raises(ConfigError, match="cannot be used for more than one"):
-            import_path(music, library, fingering=music / "a.mid")
+            import_path(music, fingering=music / "a.mid")
 
     @pytest.mark.parametrize("jobs", [0, -1, 1.5, True])
-    def test_a_number_of_processes_out_of_range(self, music, library, jobs):
+    def test_a_number_of_processes_out_of_range(self, music, jobs):
         with pytest.raises(ConfigError, match="jobs is .*expected a whole number, 1 or more"):
-            import_path(save(music / "a.mid"), library, jobs=jobs)
+            import_path(save(music / "a.mid"), jobs=jobs)

@@ -7,15 +7,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from short_scores import score_of
+from tables import Tables
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import Note, Pedal, Score, write_midi
+from sb3_piano.music import Score, write_midi
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.music.formats import write_pig
 
-PLAIN = Score(
-    notes=[Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + i, velocity=90) for i in range(4)],
-    pedals=[Pedal(onset=0.2, offset=0.9)],
+tables = Tables(__file__)
+
+PLAIN = score_of(
+    *((0.5 * i, 0.5 * i + 0.4, 60 + i) for i in range(4)),
+    pedals=[(0.2, 0.9)],
     title="plain",
     bars=[0.0, 1.0],
 )
@@ -55,15 +58,20 @@ def test_a_table_gives_fingers_as_ours_or_by_hand(table):
         assert found.bars == PLAIN.bars
 
 
-def test_a_table_of_a_spreadsheet_with_its_mark_and_accents_is_read(table):
-    path = table("onset,pitch,finger,who", "0,60,3,Elise", "1.0,62,4,Élise")
-    path.write_text("\ufeff" + path.read_text(encoding="utf-8"), encoding="utf-8")
-    assert fingers(read_labels(path, PLAIN)) == [3, -1, 4, -1]
-
-
-def test_a_table_of_pandas_with_a_gap_has_fractions(table):
-    path = table("onset,pitch,finger", "0.0,60.0,1.0", "0.5,61.0,", "1.0,62.0,6.0", "1.5,63,nan")
-    assert fingers(read_labels(path, PLAIN)) == [1, -1, 6, -1]
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        # of a spreadsheet, with its mark and accents
+        (("\ufeffonset,pitch,finger,who", "0,60,3,Elise", "1.0,62,4,Élise"), [3, -1, 4, -1]),
+        # of pandas, where a column has gaps
+        (
+            ("onset,pitch,finger", "0.0,60.0,1.0", "0.5,61.0,", "1.0,62.0,6.0", "1.5,63,nan"),
+            [1, -1, 6, -1],
+        ),
+    ],
+)
+def test_tables_of_other_programs_are_read(table, lines, expected):
+    assert fingers(read_labels(table(*lines), PLAIN)) == expected
 
 
 def test_the_nearest_onset_within_the_tolerance_is_taken_and_each_note_once(table):
@@ -76,35 +84,24 @@ def test_the_nearest_onset_within_the_tolerance_is_taken_and_each_note_once(tabl
 
 
 def test_notes_without_a_label_keep_what_they_had(table):
-    notes = [
-        dataclasses.replace(PLAIN.notes[0], finger=3),
-        dataclasses.replace(PLAIN.notes[1], finger=2),
-        dataclasses.replace(PLAIN.notes[2], hand="left"),
-    ]
-    path = table("onset,pitch,finger", "0.5,61,1", "1.0,62,")
-    found = read_labels(path, Score(notes=notes))
+    known = score_of((0, 0.4, 60, 3), (0.5, 0.9, 61, 2), (1, 1.4, 62, "left"))
+    found = read_labels(table("onset,pitch,finger", "0.5,61,1", "1.0,62,"), known)
     assert fingers(found) == [3, 1, -1]
     assert found.notes[2].hand == "left"
 
 
 def test_a_label_with_a_hand_alone_leaves_a_finger_of_that_hand(table):
-    notes = [
-        dataclasses.replace(n, finger=f) for n, f in zip(PLAIN.notes, (2, 2, -1), strict=False)
-    ]
+    known = score_of((0, 0.4, 60, 2), (0.5, 0.9, 61, 2), (1, 1.4, 62))
     path = table("onset,pitch,hand,finger", "0,60,right,", "0.5,61,left,", "1.0,62,left,")
-    found = read_labels(path, Score(notes=notes))
-    assert [(n.finger, n.hand) for n in found.notes] == [
-        (2, "right"), (-1, "left"), (-1, "left"),
-    ]  # fmt: skip
+    found = [(note.finger, note.hand) for note in read_labels(path, known).notes]
+    assert found == [(2, "right"), (-1, "left"), (-1, "left")]
 
 
 def test_labels_come_from_midi_and_pig_files_too(tmp_path):
     labelled = score_of(*((n.onset, n.offset, n.pitch, i) for i, n in enumerate(PLAIN.notes)))
     write_midi(labelled, tmp_path / "labels.mid")
-    late = [
-        dataclasses.replace(n, onset=n.onset + 0.02, finger=n.finger + 5) for n in labelled.notes
-    ]
-    write_pig(Score(notes=late), tmp_path / "labels.txt")
+    late = ((n.onset + 0.02, n.offset, n.pitch, n.finger + 5) for n in labelled.notes)
+    write_pig(score_of(*late), tmp_path / "labels.txt")
     assert fingers(read_labels(tmp_path / "labels.mid", PLAIN)) == [0, 1, 2, 3]
     assert fingers(read_labels(tmp_path / "labels.txt", PLAIN)) == [5, 6, 7, 8]
 
@@ -129,27 +126,7 @@ def test_a_file_without_labels_is_refused(tmp_path, table):
         read_labels(table("onset,pitch,finger", "0,60,-1"), PLAIN)
 
 
-@pytest.mark.parametrize(
-    ("lines", "message"),
-    [
-        (["onset,pitch", "0,60"], "has no column 'finger': expected a first line that names"),
-        ([""], "has no column 'onset'"),
-        (["onset,pitch,finger"], "has no labels: expected lines below its first one"),
-        (["onset,pitch,finger", "0,60,0", "x,60,0"], "Line 3 of .*: onset 'x' is not valid"),
-        (["onset,pitch,finger", "-1,60,0"], "Line 2 of .*: onset -1.0 is no time"),
-        (["onset,pitch,finger", "0,H4,0"], "pitch 'H4' is not valid: expected a MIDI number"),
-        (["onset,pitch,finger", "0,12,0"], "Line 2 of .*: pitch 12 is out of range"),
-        (["onset,pitch,finger", "0,60,10"], r"finger '10' is not valid: expected 0-4 \(right\)"),
-        (["onset,pitch,finger", "0,60"], "None of the 1 notes"),
-        (["onset,pitch,finger", "0"], "pitch '' is not valid"),
-        (
-            ["onset,pitch,hand,finger", "0,60,right,0"],
-            r"finger '0' is not .*: expected 1 \(thumb\)",
-        ),
-        (["onset,pitch,hand,finger", "0,60,left,6"], "finger '6' is not valid"),
-        (["onset,pitch,hand,finger", "0,60,r,1"], "hand 'r' is not valid: expected right, left"),
-    ],
-)
+@tables("lines, message")
 def test_a_damaged_table_is_refused_with_its_line(table, lines, message):
     with pytest.raises(ScoreError, match=message):
         read_labels(table(*lines), PLAIN)

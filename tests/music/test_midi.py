@@ -5,7 +5,7 @@ from hypothesis import given
 from random_scores import FINGERS, HANDS, all_times, canonical, kept, scores
 from short_scores import note_of as note
 
-from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score, load_score, read_midi, write_midi
 
 
@@ -29,22 +29,6 @@ def on(pitch, time=0, **fields):
 
 def off(pitch, time=0, **fields):
     return mido.Message("note_off", note=pitch, time=time, **fields)
-
-
-def pedal(value, time=0, **fields):
-    return mido.Message("control_change", control=64, value=value, time=time, **fields)
-
-
-def tempo(seconds_per_beat, time=0):
-    return mido.MetaMessage("set_tempo", tempo=round(seconds_per_beat * 1e6), time=time)
-
-
-def spans(events):
-    return [(pytest.approx(event.onset), pytest.approx(event.offset)) for event in events]
-
-
-def times(events):
-    return [(event.onset, event.offset) for event in events]
 
 
 LABELS = [(-1, None), *FINGERS, *HANDS]
@@ -99,45 +83,6 @@ class TestFingering:
         assert read_midi(path).notes[0].finger == finger
 
 
-class TestForeignFiles:
-    def test_two_tracks_tempo_change_pedal_and_overlap(self, tmp_path):
-        # A beat is 0.5 s, from the second beat on 1 s; 480 ticks a beat.
-        conductor = [tempo(0.5), tempo(1.0, time=480)]
-        melody = [on(72), on(76, 480), off(72, 240), off(76, 240), pedal(100, 0), pedal(10, 480)]
-        bass = [on(48, channel=1), off(48, 960, channel=1), on(76, channel=1)]
-        bass += [off(76, 480, channel=1)]
-        path = save(tmp_path / "a.mid", conductor, melody, bass, ticks_per_beat=480)
-        score = read_midi(path)
-        assert [n.pitch for n in score.notes] == [48, 72, 76, 76]
-        assert times(score.notes) == spans(
-            [note(0, 1.5), note(0, 1.0), note(0.5, 1.5), note(1.5, 2.5)]
-        )
-        assert times(score.pedals) == spans([Pedal(onset=1.5, offset=2.5)])
-        assert (score.title, score.has_fingering) == ("a", False)
-
-    def test_overlapping_notes_of_one_pitch_in_two_tracks_stay_two(self, tmp_path):
-        path = save(tmp_path / "a.mid", [on(60), off(60, 1000)], [on(60, 500), off(60, 1000)])
-        assert times(read_midi(path).notes) == spans([note(0, 1), note(0.5, 1.5)])
-
-    def test_the_pedal_is_down_while_any_track_holds_it(self, tmp_path):
-        path = save(
-            tmp_path / "a.mid",
-            [on(60), off(60, 4000)],
-            [pedal(63), pedal(127, 1000), pedal(0, 1000)],
-            [pedal(64, 1500), pedal(63, 1000), on(38, channel=9), off(38, channel=9)],
-        )
-        assert times(read_midi(path).pedals) == spans([Pedal(onset=1, offset=2.5)])
-
-    def test_a_note_never_released_lasts_until_the_end_of_its_track(self, tmp_path):
-        end = mido.MetaMessage("end_of_track", time=1500)
-        path = save(tmp_path / "a.mid", [on(60), on(62, 500), off(62, 500), end])
-        assert times(read_midi(path).notes) == spans([note(0, 2.5), note(0.5, 1)])
-
-    def test_a_release_written_after_the_next_strike_ends_the_earlier_note(self, tmp_path):
-        path = save(tmp_path / "a.mid", [on(60), on(60, 500), off(60, 0), off(60, 500)])
-        assert times(read_midi(path).notes) == spans([note(0, 0.5), note(0.5, 1.0)])
-
-
 def meter(numerator, denominator, time=0):
     return mido.MetaMessage(
         "time_signature", numerator=numerator, denominator=denominator, time=time
@@ -151,35 +96,10 @@ def lasting(ticks):
 class TestBars:
     """A quarter has 500 ticks, which last 0.5 s."""
 
-    @pytest.mark.parametrize(
-        ("tracks", "bars"),
-        [
-            ([lasting(6000)], (0, 2, 4)),
-            # The upbeat is a quarter; the last bar of 3/4 is cut short by the change.
-            (
-                [[meter(1, 4), meter(3, 4, time=500), meter(2, 4, time=4000)], lasting(7000)],
-                (0, 0.5, 2, 3.5, 4.5, 5.5, 6.5),
-            ),
-            ([[meter(3, 4, time=5000)], lasting(9000)], (0, 2, 4, 5, 6.5, 8)),
-            # Two quarters of the second bar at 0.5 s, two at 1 s.
-            ([[tempo(0.5), tempo(1.0, time=3000)], lasting(8000)], (0, 2, 5, 9)),
-            ([lasting(4000), [meter(3, 4), tempo(1.0)]], (0, 3, 6)),
-            ([[*lasting(4000), mido.MetaMessage("end_of_track", time=9000)]], (0, 2)),
-        ],
-        ids=["none", "change", "late", "tempo", "any track", "end"],
-    )
-    def test_go_by_meters_and_tempos_of_all_tracks(self, tracks, bars, tmp_path):
-        assert read_midi(save(tmp_path / "a.mid", *tracks)).bars == pytest.approx(bars)
-
     def test_a_bar_that_is_no_whole_number_of_ticks_does_not_drift(self, tmp_path):
         path = save(tmp_path / "a.mid", [meter(7, 16), *lasting(7000)], ticks_per_beat=25)
         # 43.75 ticks of 20 ms each.
         assert read_midi(path).bars[-1] == pytest.approx(159 * 0.875, abs=0.011)
-
-    @pytest.mark.parametrize("signature", [(0, 4), (3, 2**100), (1, 128)])
-    def test_a_meter_that_makes_no_sense_is_ignored(self, signature, tmp_path):
-        path = save(tmp_path / "a.mid", [meter(*signature), *lasting(4000)])
-        assert read_midi(path).bars == pytest.approx((0, 2))
 
     def test_more_than_anybody_has_written_are_taken_for_damage(self, tmp_path):
         path = save(tmp_path / "a.mid", [meter(1, 64), *lasting(100_001)], ticks_per_beat=1)
@@ -234,134 +154,6 @@ class TestWrittenBars:
         write_midi(score, tmp_path / "a.mid")
         theirs = pretty_midi.PrettyMIDI(str(tmp_path / "a.mid")).get_downbeats()
         assert theirs == pytest.approx(bars, abs=1e-4)
-
-
-class TestLeftOut:
-    def test_what_no_piano_can_play_is_counted_and_the_first_notes_are_named(self, tmp_path):
-        pitches = [20, 60, 109, 127, 0]
-        messages = [m for pitch in pitches for m in (on(pitch), off(pitch, 500))]
-        path = save(tmp_path / "a.mid", [*messages, on(62), off(62), on(64), off(64)])
-        message = (
-            r"a\.mid' left out 2 notes without length \(D4 at 2\.5 s, E4 at 2\.5 s\) and "
-            r"4 notes off the keyboard \(Ab0 at 0 s, C#8 at 1 s, G9 at 1\.5 s, \.\.\.\)\.$"
-        )
-        with pytest.warns(ScoreWarning, match=message):
-            score = read_midi(path)
-        assert times(score.notes) == spans([note(0.5, 1.0)])
-
-    def test_a_file_of_which_nothing_remains_is_refused(self, tmp_path):
-        path = save(tmp_path / "a.mid", [on(20), off(20, 500), on(60)])
-        message = (
-            r"a\.mid' has no notes \(drums do not count\), only 1 note without length \(C4 at "
-            r"0\.5 s\) and 1 note off the keyboard \(Ab0 at 0 s\)\.$"
-        )
-        with pytest.raises(ScoreError, match=message):
-            read_midi(path)
-
-
-class TestMetaMessages:
-    """Messages that some libraries do not read as the standard has them."""
-
-    def read(self, folder, *messages, kind=0):
-        track = b"".join([*messages, b"\0\xff\x2f\0"])
-        path = folder / "a.mid"
-        head = b"MThd\0\0\0\x06" + bytes([0, kind, 0, 1 + kind // 2, 1, 0xF4])  # 500 ticks a beat
-        path.write_bytes(head + (b"MTrk" + len(track).to_bytes(4, "big") + track) * (1 + kind // 2))
-        return read_midi(path)
-
-    NOTE = b"\0\x90\x3c\x40\x64\x80\x3c\0"  # 0.1 s
-
-    @pytest.mark.parametrize("kind", [0x08, 0x0A, 0x4B])
-    def test_time_before_those_of_other_kinds_passes(self, kind, tmp_path):
-        score = self.read(tmp_path, self.NOTE, bytes([0x64, 0xFF, kind, 2]) + b"ab", self.NOTE)
-        assert times(score.notes) == [(0.0, 0.1), (0.2, pytest.approx(0.3))]
-
-    def test_a_key_signature_of_no_mode_is_no_reason_to_refuse_a_file(self, tmp_path):
-        score = self.read(tmp_path, b"\0\xff\x59\x02\xfe\xff", self.NOTE)
-        assert times(score.notes) == [(0.0, 0.1)]
-
-    def test_several_pieces_in_one_file_are_refused(self, tmp_path):
-        with pytest.raises(ScoreError, match="it holds 2 pieces, one a track .format 2.*expected"):
-            self.read(tmp_path, self.NOTE, kind=2)
-
-
-HEAD = b"MThd\0\0\0\6\0\1\0\1\1\xf4"  # 500 ticks a beat: 1 ms a tick
-NOTE_C = b"\0\x90\x3c\x40\x83\x74\x80\x3c\0"  # 0.5 s
-END = b"\0\xff\x2f\0"
-
-
-def chunk(name, contents, length=None):
-    return name + (len(contents) if length is None else length).to_bytes(4, "big") + contents
-
-
-class TestChunks:
-    """Counts and lengths that the bytes contradict."""
-
-    def notes(self, folder, content):
-        (folder / "a.mid").write_bytes(content)
-        return [(n.pitch, n.onset, n.offset) for n in read_midi(folder / "a.mid").notes]
-
-    # 34 is up to the end of the file, the next track included.
-    @pytest.mark.parametrize("length", [0, 1, 5, 9, 12, 14, 34, 40, 2**32 - 1])
-    def test_a_wrong_length_of_a_track_loses_nothing(self, length, tmp_path):
-        one, other = NOTE_C + END, NOTE_C.replace(b"\x3c", b"\x40") + END
-        content = HEAD + chunk(b"MTrk", one, length) + chunk(b"MTrk", other)
-        assert self.notes(tmp_path, content) == [(60, 0, 0.5), (64, 0, 0.5)]
-
-    def test_a_header_may_be_longer_and_a_chunk_of_another_kind_of_any_length(self, tmp_path):
-        head = b"MThd\0\0\0\x09" + HEAD[8:] + b"abc"
-        alien = chunk(b"XFIH", b"abcd", 1000)
-        content = head + alien + chunk(b"MTrk", NOTE_C + END) + b"\0"
-        assert self.notes(tmp_path, content) == [(60, 0, 0.5)]
-
-    def test_of_two_files_behind_each_other_the_first_is_read(self, tmp_path):
-        content = HEAD + chunk(b"MTrk", NOTE_C + END)
-        other = HEAD + chunk(b"MTrk", NOTE_C.replace(b"\x3c", b"\x40") + END)
-        assert self.notes(tmp_path, content + other) == [(60, 0, 0.5)]
-
-    @pytest.mark.parametrize(
-        ("division", "seconds"), [(b"\xe8\x0a", 240), (b"\xe3\x64", 3e6 / 1001), (b"\xe2\x02", 60)]
-    )
-    def test_ticks_may_be_parts_of_film_frames(self, division, seconds, tmp_path):
-        content = HEAD[:12] + division + chunk(b"MTrk", b"\0\xff\x51\x03\x01\0\0" + NOTE_C + END)
-        (note,) = self.notes(tmp_path, content)
-        assert note == (60, 0, pytest.approx(500 / seconds))
-        assert read_midi(tmp_path / "a.mid").bars == ()
-
-
-class TestSilence:
-    """Controllers, and releases in other tracks."""
-
-    @pytest.mark.parametrize("control", [120, 123, 124, 127])
-    def test_controllers_end_the_notes_of_their_channel_in_all_tracks(self, control, tmp_path):
-        message = mido.Message("control_change", control=control, channel=1, time=300)
-        ours, other = [on(60, channel=1), off(60, 1000, channel=1)], [on(72), off(72, 1000)]
-        ours += [on(62, channel=1), off(62, 100, channel=1)]
-        path = save(tmp_path / "a.mid", ours, other, [message])
-        expected = [note(0, 0.3, 60), note(0, 1, 72), note(1, 1.1, 62)]
-        assert times(read_midi(path).notes) == spans(expected)
-
-    def test_resetting_controllers_lifts_the_pedal_of_another_track_too(self, tmp_path):
-        reset = mido.Message("control_change", control=121, time=300)
-        path = save(tmp_path / "a.mid", [pedal(127), on(60), off(60, 1000)], [reset])
-        assert times(read_midi(path).pedals) == spans([Pedal(onset=0, offset=0.3)])
-
-
-class TestErrors:
-    @pytest.mark.parametrize("division", [b"\0\0", b"\xe7\0"])
-    def test_ticks_without_length_are_refused(self, division, tmp_path):
-        path = save(tmp_path / "a.mid", [on(60), off(60, 500)])
-        data = bytearray(path.read_bytes())
-        data[12:14] = division
-        path.write_bytes(data)
-        with pytest.raises(ScoreError, match="its ticks have no length"):
-            read_midi(path)
-
-    @pytest.mark.parametrize("contents", [b"", b"MThd", b"not a MIDI file at all", b"\x00" * 100])
-    def test_what_is_no_midi_is_refused_by_path(self, contents, tmp_path):
-        (tmp_path / "a.mid").write_bytes(contents)
-        with pytest.raises(ScoreError, match=r"Cannot read '.*a\.mid' as a MIDI file \(\w"):
-            read_midi(tmp_path / "a.mid")
 
 
 class TestWriting:

@@ -1,4 +1,3 @@
-import csv
 import json
 import os
 import signal
@@ -7,9 +6,11 @@ import sys
 import time
 
 import pytest
+from printed import read_csv, rows_of
+from short_scores import save_tune as save
 from short_scores import score_of
 
-from sb3_piano.music import BUILT_IN, load_score, pieces, read_midi, read_pig, write_midi
+from sb3_piano.music import BUILT_IN, load_score, pieces, read_midi, read_pig
 from sb3_piano.music.catalogue import of_collection
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.library import Library
@@ -17,32 +18,19 @@ from sb3_piano.music.library import Library
 TWINKLE = "debug-TwinkleTwinkleLittleStar"
 
 
-def save(path, first=60, n_notes=4):
-    score = score_of(*((i * 0.5, i * 0.5 + 0.4, first + 2 * (i % 9)) for i in range(n_notes)))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_midi(score, path)
-    return path
-
-
 @pytest.fixture
-def music(tmp_path):
-    folder = tmp_path / "music"
-    save(folder / "a.mid", 60)
-    save(folder / "b.mid", 62)
-    (folder / "bad.mid").write_bytes(b"MThd")
-    return folder
+def music(music):
+    """The folder with two files of four notes, and a damaged one."""
+    save(music / "a.mid", 60, n_notes=4)
+    save(music / "b.mid", 62, n_notes=4)
+    (music / "bad.mid").write_bytes(b"MThd")
+    return music
 
 
 def wait_for(folder, pattern):
     end = time.monotonic() + 60
     while time.monotonic() < end and not list(folder.glob(pattern)):
         time.sleep(0.005)
-
-
-def rows_of(table):
-    """Return the cells of the rows that a table shows, without its heading."""
-    lines = [line for line in table.splitlines() if line.startswith("│")]
-    return [[cell.strip() for cell in line.strip("│").split("│")] for line in lines]
 
 
 class TestImport:
@@ -94,10 +82,9 @@ class TestImport:
         with subprocess.Popen(
             [*map(str, command), "--jobs", str(jobs)],
             start_new_session=True,
-            stdout=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            env=dict(os.environ),
         ) as process:
             wait_for(data / "pieces", "*.npz")
             os.killpg(process.pid, signal.SIGINT)
@@ -120,13 +107,8 @@ class TestList:
         assert [row[0] for row in rows_of(out)] == [*BUILT_IN, "a", "b"]
         found = features(load_score("a"))
         row = next(row for row in rows_of(out) if row[0] == "a")
-        assert row[1:6] == [
-            f"{found.duration:.1f}",
-            "4",
-            f"{found.average_polyphony:.2f}  1",
-            f"{found.onset_density:.2f}",
-            "ergonomic",
-        ]
+        polyphony, density = f"{found.average_polyphony:.2f}  1", f"{found.onset_density:.2f}"
+        assert row[1:6] == [f"{found.duration:.1f}", "4", polyphony, density, "ergonomic"]
         assert 0 <= float(row[6]) <= 100
 
     @pytest.mark.slow
@@ -134,23 +116,15 @@ class TestList:
         run("import", music / "a.mid")
         run("list", "--csv", tmp_path / "t.csv", "--json", tmp_path / "t.json")
         listed = json.loads((tmp_path / "t.json").read_text())["pieces"]
-        with (tmp_path / "t.csv").open(newline="") as file:
-            rows = list(csv.DictReader(file))
+        rows = read_csv(tmp_path / "t.csv")
         assert [row["name"] for row in rows] == [row["name"] for row in listed]
         assert {key: str(value) for key, value in listed[-1].items()} == rows[-1]
-        assert listed[-1]["name"] == "a"
-        assert listed[-1]["notes"] == 4
-        assert listed[-1]["title"] == "a"
+        assert [listed[-1][fact] for fact in ("name", "notes", "title")] == ["a", 4, "a"]
 
     def test_what_was_imported_is_found_whatever_its_collection(self, data):
         for name in ("debug-x", "y"):
-            Library().add(
-                load_score(TWINKLE),
-                name,
-                source="",
-                fingering="",
-                collection=name.partition("-")[0],
-            )
+            facts = {"source": "", "fingering": "", "collection": name.partition("-")[0]}
+            Library().add(load_score(TWINKLE), name, **facts)
         assert of_collection(pieces(), "imported") == ["debug-x", "y"]
 
     @pytest.mark.slow
@@ -234,11 +208,11 @@ class TestRemove:
 
 class TestExport:
     def test_the_suffix_tells_the_format(self, run, tmp_path):
+        notes = [(note.pitch, note.finger) for note in load_score(TWINKLE).notes]
         for name, read in (("x.mid", read_midi), ("x.txt", read_pig)):
             status, out, _ = run("export", TWINKLE, tmp_path / name)
             assert (status, out) == (0, f"Exported: {tmp_path / name}\n")
-            fingers = [(note.pitch, note.finger) for note in read(tmp_path / name).notes]
-            assert fingers == [(note.pitch, note.finger) for note in load_score(TWINKLE).notes]
+            assert [(note.pitch, note.finger) for note in read(tmp_path / name).notes] == notes
 
     def test_a_file_is_converted(self, run, music, tmp_path):
         status, _, err = run("export", music / "a.mid", tmp_path / "a.musicxml")

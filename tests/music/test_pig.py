@@ -1,10 +1,13 @@
 import pytest
 from hypothesis import given
 from random_scores import FINGERS, HANDS, scores
+from tables import Tables
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music import Note, Score, read_pig
 from sb3_piano.music.formats import write_pig
+
+tables = Tables(__file__)
 
 
 def write(tmp_path, text):
@@ -48,24 +51,12 @@ def test_a_whole_file_with_comments_blank_lines_and_spaces(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("spelled", "pitch"),
-    [
-        *(("A0", 21), ("C4", 60), ("F#5", 78), ("Bb3", 58), ("C8", 108)),
-        *(("C##4", 62), ("Dbb4", 60), ("B#3", 60), ("Cb4", 59)),
-    ],
-)
+@tables("spelled, pitch")
 def test_pitches_are_spelled_with_c4_as_60(tmp_path, spelled, pitch):
     assert read_line(tmp_path, pitch=spelled).pitch == pitch
 
 
-@pytest.mark.parametrize(
-    ("text", "finger"),
-    [
-        *(("1", 0), ("2", 1), ("5", 4), ("-1", 5), ("-4", 8), ("-5", 9), ("0", -1)),
-        *(("4_1", 3), ("-2_-1", 6), ("3_2_1", 2), ("4_", 3)),
-    ],
-)
+@tables("text, finger")
 def test_the_first_finger_counts_and_its_sign_is_the_hand(tmp_path, text, finger):
     assert read_line(tmp_path, finger=text).finger == finger
 

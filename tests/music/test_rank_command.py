@@ -1,12 +1,13 @@
 """``sb3-piano pieces rank`` and ``pieces fingering``: what stands in their tables and files."""
 
-import csv
 import dataclasses
 
 import numpy as np
 import pytest
+from printed import read_csv, rows_of
+from short_scores import score_of
 
-from sb3_piano.music import BUILT_IN, Note, Score, find_piece, read_pig, write_midi
+from sb3_piano.music import BUILT_IN, Score, find_piece, read_pig, write_midi
 from sb3_piano.music.difficulty import MotionRecording, features, rank, write_motion
 from sb3_piano.music.fingering import (
     agreement,
@@ -33,17 +34,6 @@ def _in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "library"))
 
 
-def rows_of(out):
-    """The cells of all table rows, without the frame."""
-    lines = [line for line in out.splitlines() if line.startswith("│")]
-    return [[cell.strip() for cell in line.strip("│").split("│")] for line in lines]
-
-
-def read_csv(path):
-    with open(path, encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def recording(title, size):
     """A performance of two steps in which everything moves by `size`."""
     steps = np.arange(3.0)[:, None]
@@ -59,18 +49,32 @@ def recording(title, size):
 # rank
 
 
-def test_pieces_come_easiest_first_with_their_features(run):
-    code, out, err = run("rank", *FAMILIAR)
+def test_pieces_come_easiest_first_with_their_features_also_in_a_table_file(run, tmp_path):
+    code, out, err = run("rank", *FAMILIAR, "--csv", "rank.csv")
     assert (code, err) == (0, "")
     rows = rows_of(out)
-    assert [row[1] for row in rows] == FAMILIAR
-    assert [row[0] for row in rows] == ["1", "2", "3"]
-    assert [row[2] for row in rows] == ["33.3", "66.7", "100.0"]
+    assert [row[:3] for row in rows] == [
+        [str(place), name, share]
+        for place, (name, share) in enumerate(
+            zip(FAMILIAR, ("33.3", "66.7", "100.0"), strict=True), 1
+        )
+    ]
     # 15 notes of 0.5 s, one after the other
     assert rows[0][3:9] == ["15", "7.5", "1.00", "1", "2.00", "0"]
     # four chords of 1 s: a triad and a bass; the triad spans a fifth
     assert rows[2][3:9] == ["16", "4.0", "4.00", "4", "4.00", "7"]
     assert "Difficulty by the score alone" in out
+    assert "Pieces: rank.csv\n" in out
+    found = {name: features(find_piece(name).score()) for name in FAMILIAR}
+    places = rank(found)
+    written = read_csv(tmp_path / "rank.csv")
+    assert [row["piece"] for row in written] == list(places)
+    for row in written:
+        place, piece = places[row["piece"]], found[row["piece"]]
+        numbers = [float(row[name]) for name in ("rank", "score", "percentile", "hand_motion")]
+        assert numbers == [place.rank, place.score, place.percentile, piece.hand_motion]
+        assert (int(row["lowest_pitch"]), int(row["highest_pitch"])) == piece.pitch_range
+    assert run("rank", "--csv", "missing/rank.csv")[0] == 2
 
 
 def test_files_are_ranked_beside_pieces_with_their_recordings_and_a_bad_one_stops_no_other(
@@ -97,24 +101,6 @@ def test_all_pieces_are_ranked_unless_some_are_named(run):
     assert ranked == list(expected)
 
 
-def test_numbers_go_to_a_table_file_in_full(run, tmp_path):
-    code, out, _ = run("rank", *FAMILIAR, "--csv", "rank.csv")
-    assert code == 0
-    assert "Pieces: rank.csv\n" in out
-    found = {name: features(find_piece(name).score()) for name in FAMILIAR}
-    places = rank(found)
-    rows = read_csv(tmp_path / "rank.csv")
-    assert [row["piece"] for row in rows] == list(places)
-    for row in rows:
-        place, piece = places[row["piece"]], found[row["piece"]]
-        assert int(row["rank"]) == place.rank
-        assert float(row["score"]) == place.score
-        assert float(row["percentile"]) == place.percentile
-        assert float(row["hand_motion"]) == piece.hand_motion
-        assert (int(row["lowest_pitch"]), int(row["highest_pitch"])) == piece.pitch_range
-    assert run("rank", "--csv", "missing/rank.csv")[0] == 2
-
-
 def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_out(run, tmp_path):
     folder = tmp_path / "runs" / "a" / "evaluation"
     folder.mkdir(parents=True)
@@ -137,8 +123,7 @@ def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_o
     assert [scores[name] for name in FAMILIAR[:2]] == pytest.approx([-0.3, 0.3])
     assert "Difficulty by the score and recorded performances" in out
     assert "1 of 3 pieces have no recorded performance.\n" in out
-    row = next(row for row in read_csv("rank.csv") if row["piece"] == FAMILIAR[0])
-    assert float(row["recorded_fingertip_motion"]) == 5.0
+    assert float(read_csv("rank.csv")[0]["recorded_fingertip_motion"]) == 5.0
 
 
 def test_a_damaged_recording_is_told_and_the_others_are_used(run, tmp_path):
@@ -224,11 +209,8 @@ def test_a_named_piece_without_labels_is_told(run, monkeypatch, unlabelled):
 
 def write_pig_file(path, fingers):
     """Write five notes with fingers as the data set counts them: 1 to 5, and -1 to -5."""
-    notes = [
-        Note(onset=i / 4, offset=i / 4 + 0.2, pitch=pitch, finger=f - 1 if f > 0 else 4 - f)
-        for i, (pitch, f) in enumerate(zip((60, 62, 64, 48, 50), fingers, strict=True))
-    ]
-    write_pig(Score(notes=notes), path)
+    labels = zip((60, 62, 64, 48, 50), (f - 1 if f > 0 else 4 - f for f in fingers), strict=True)
+    write_pig(score_of(*((i / 4, i / 4 + 0.2, *one) for i, one in enumerate(labels))), path)
 
 
 @pytest.fixture
@@ -273,11 +255,14 @@ def test_bad_files_of_pig_are_told_and_the_others_are_compared(run, pig_folder):
     assert "Piece 020 was not compared: 1 of 5 notes of '020-1_fingering' are not in" in err
 
 
-def test_a_folder_without_fingering_files_or_beside_names_is_refused(run, tmp_path):
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ((), "has no fingering files: expected the PIG data set"),
+        (FAMILIAR[:1], "is given with other pieces"),
+    ],
+)
+def test_a_folder_without_fingering_files_or_beside_names_is_refused(run, tmp_path, more, message):
     (tmp_path / "empty").mkdir()
-    code, _, err = run("fingering", "empty")
-    assert code == 2
-    assert "Folder 'empty' has no fingering files: expected the PIG data set" in err
-    code, _, err = run("fingering", "empty", FAMILIAR[0])
-    assert code == 2
-    assert "Folder 'empty' is given with other pieces" in err
+    code, _, err = run("fingering", "empty", *more)
+    assert (code, f"Folder 'empty' {message}" in err) == (2, True)

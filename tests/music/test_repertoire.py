@@ -63,39 +63,25 @@ def test_each_file_is_a_piece(pieces):
     assert set(pieces) == {f"{folder.name}-{stem}" for stem in stems}
 
 
-def test_a_piece_says_what_it_is_where_it_comes_from_and_who_chose_the_fingers(piece):
+def test_a_piece_says_what_it_is_of_which_free_print_and_who_chose_the_fingers(piece, score):
     assert piece.name.startswith(f"{piece.collection}-")
     assert len(piece.title) > 5
     assert len(piece.source) > 80
+    assert re.search(r"\b1[78]\d\d\b|\b19[0-2]\d\b", piece.source), "old enough to be free"
     assert piece.fingering
     assert "\n" not in piece.title + piece.source + piece.fingering
     assert piece.options == {}
-
-
-def test_its_source_names_a_print_old_enough_to_be_free(piece):
-    assert re.search(r"\b1[78]\d\d\b|\b19[0-2]\d\b", piece.source)
-
-
-def test_it_is_found_by_its_name(piece, score):
-    assert load_score(piece.name) == score
     assert load_score(piece.name.removeprefix(f"{piece.collection}-")) == score
     assert score.title == piece.name
 
 
-def test_it_sounds_in_the_middle_of_the_keyboard_for_a_while(score):
+def test_it_sounds_in_the_middle_of_the_keyboard_for_a_while_with_both_hands(score):
     low, high = score.pitch_range
     assert low >= MIN_PITCH + 3
     assert high <= MAX_PITCH - 7
     assert 10 < score.duration < 150
     assert score.notes[0].onset < 3
-
-
-def test_both_hands_play(score):
     assert {note.hand for note in score.notes} == {"right", "left"}
-
-
-def test_all_notes_of_the_repertoire_have_fingers(fingered):
-    assert all(0 <= note.finger <= 9 for note in fingered.notes)
 
 
 def test_the_encores_last_twenty_seconds_and_leave_fingers_to_be_found():
@@ -119,7 +105,8 @@ def test_no_hand_spans_more_than_a_ninth_or_holds_more_than_five_keys(score):
         assert max(pitches) - min(pitches) <= max(SPANS), note
 
 
-def test_fingers_held_together_are_in_the_order_of_the_keys_and_reach_them(fingered):
+def test_all_notes_have_fingers_that_are_in_the_order_of_keys_held_and_reach_them(fingered):
+    assert all(0 <= note.finger <= 9 for note in fingered.notes)
     for lower, upper in held_together(fingered):
         assert lower.pitch < upper.pitch
         assert (lower.finger < upper.finger) == (lower.hand == "right"), (lower, upper)
@@ -234,19 +221,26 @@ def test_the_prelude_is_that_of_music21_which_lacks_bar_26():
     assert {pitch for _, pitch in bars[0]} == {43, 50, 55, 60, 65}
 
 
-def test_the_maple_leaf_rag_is_that_of_music21_but_for_a_misprint():
-    ours = strikes("MapleLeafRag", 60 / 92)
-    theirs = {strike for strike in of_music21("joplin/maple_leaf_rag") if strike[0] <= 16}
-    upbeat_of_the_repeat = {(16, 1.5, 39), (16, 1.5, 51)}
-    assert theirs - ours == {(16, 0.0, 55), *upbeat_of_the_repeat}
-    assert ours - theirs == {(16, 0.0, 56)}
-
-
-def test_the_sonata_is_that_of_music21_but_for_a_note_of_bar_7():
-    ours = strikes("MozartSonataK545", 60 / 126)
-    theirs = {s for s in of_music21("mozart/k545/movement1_exposition") if s[0] <= 12}
-    assert theirs - ours == {(7, 0.0, 59)}
-    assert ours - theirs == {(7, 0.0, 60)}
+@pytest.mark.parametrize(
+    ("name", "quarter", "known", "bars", "theirs_alone", "ours_alone"),
+    [
+        # A misprint, and the upbeat of the repeat.
+        (
+            *("MapleLeafRag", 60 / 92, "joplin/maple_leaf_rag", 16),
+            *({(16, 0.0, 55), (16, 1.5, 39), (16, 1.5, 51)}, {(16, 0.0, 56)}),
+        ),
+        (
+            *("MozartSonataK545", 60 / 126, "mozart/k545/movement1_exposition", 12),
+            *({(7, 0.0, 59)}, {(7, 0.0, 60)}),
+        ),
+    ],
+)
+def test_pieces_are_those_of_music21_but_for_a_note(
+    name, quarter, known, bars, theirs_alone, ours_alone
+):
+    ours = strikes(name, quarter)
+    theirs = {strike for strike in of_music21(known) if strike[0] <= bars}
+    assert (theirs - ours, ours - theirs) == (theirs_alone, ours_alone)
 
 
 def test_in_the_fantaisie_sextuplets_go_against_sixteenths():

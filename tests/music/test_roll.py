@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_scores import score_of
+from tables import Tables
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Pedal, PianoRoll, Score
+from sb3_piano.music import PianoRoll
+
+tables = Tables(__file__)
 
 KEY = 39  # middle C, pitch 60
 
 
 def roll_of(*notes, dt=1.0, pedals=(), **options):
     """Roll of (onset, offset) or (onset, offset, finger), all on middle C, with steps of 1 s."""
-    made = [
-        Note(onset=onset, offset=offset, pitch=60, finger=finger[0] if finger else -1)
-        for onset, offset, *finger in notes
-    ]
-    presses = [Pedal(onset=down, offset=up) for down, up in pedals]
-    return PianoRoll.from_score(Score(notes=made, pedals=presses, title="etude"), dt, **options)
+    placed = [(onset, offset, 60, *finger) for onset, offset, *finger in notes]
+    return PianoRoll.from_score(score_of(*placed, pedals=pedals, title="etude"), dt, **options)
 
 
 def picture(roll, key=KEY):
@@ -36,41 +36,12 @@ def labels(roll):
     return roll.finger[:, KEY].tolist()
 
 
-@pytest.mark.parametrize(
-    ("notes", "expected"),
-    [
-        ([(1, 3)], ".X=."),  # a note that ends on a step is followed by one silent step
-        ([(1.9, 3.1)], ".X=="),  # onsets round down, offsets up
-        ([(1.2, 1.3), (3, 4)], ".X.X."),  # a note lasts one step at least
-        ([(1, 1 + 1e-9), (3, 4)], ".X.X."),
-        ([(0, 2), (2, 4)], "X=.X."),  # the gap is the first step of the new note
-        ([(0, 2), (3, 5)], "X=.X=."),  # no gap is needed
-        ([(0, 3), (3, 4)], "X=.X."),  # a new note of one step takes it from the earlier one
-        ([(0, 1), (1, 2)], "X=."),  # two of one step cannot be told apart
-        ([(t, t + 1) for t in range(5)], "X.X.X."),
-        ([(0, 6), (2, 4)], "X=.X==."),  # an enclosed note is struck, the outer one sounds on
-        ([(0, 5), (2, 3)], "X.X==."),
-        ([(0, 3), (2, 5)], "X=.X=."),
-        ([(2, 4), (2, 6)], "..X===."),  # struck in one step, they are one strike
-        ([(2, 6), (2, 4)], "..X===."),
-        ([(0, 2), (2, 5), (2.5, 4)], "X=.X=."),  # a double strike does not fill the silent step
-        ([(0, 2), (2, 5), (2.5, 3)], "X=.X=."),
-    ],
-)
+@tables("notes, expected")
 def test_notes_fill_steps_and_strikes_begin_after_silence(notes, expected):
     assert picture(roll_of(*notes)) == expected
 
 
-@pytest.mark.parametrize(
-    ("notes", "expected"),
-    [
-        ([(1, 3, 7)], [-1, 7, 7, -1]),
-        ([(0, 6, 1), (2, 4, 3)], [1, 1, -1, 3, 1, 1, -1]),  # a later note overwrites
-        ([(0, 2, 1), (2, 4, 2)], [1, 1, -1, 2, -1]),  # the silent step has no label
-        ([(0, 1, 1), (1, 2, 2)], [1, 2, -1]),
-        ([(0, 5, 1), (2, 3, 2)], [1, -1, 2, 1, 1, -1]),
-    ],
-)
+@tables("notes, expected")
 def test_labels_fill_the_notes(notes, expected):
     assert labels(roll_of(*notes)) == expected
 
@@ -107,23 +78,17 @@ class TestRestrikes:
         assert missing.sum() < len(spans)
 
 
-class TestSustain:
-    def test_down_from_the_step_of_the_press_until_before_that_of_the_release(self):
-        roll = roll_of((0, 5), pedals=[(1.5, 3.5)])
-        assert roll.sustain.tolist() == [False, True, True, False, False, False]
-
-    def test_a_pedal_beyond_the_last_note_is_cut(self):
-        assert roll_of((0, 2), pedals=[(1, 1e300)]).sustain.tolist() == [False, True, True]
+@pytest.mark.parametrize(
+    ("end", "press", "down"), [(5, (1.5, 3.5), "011000"), (2, (1, 1e300), "011")]
+)
+def test_the_pedal_is_down_from_the_step_of_its_press_until_that_of_its_release(end, press, down):
+    roll = roll_of((0, end), pedals=[press])
+    assert "".join(str(int(step)) for step in roll.sustain) == down
 
 
 class TestRoll:
     def test_due_lists_keys_and_labels_of_a_step(self):
-        notes = [
-            Note(onset=0, offset=2, pitch=64, finger=2),
-            Note(onset=0, offset=1, pitch=60, finger=0),
-            Note(onset=1, offset=2, pitch=21),
-        ]
-        roll = PianoRoll.from_score(Score(notes=notes), 1.0)
+        roll = PianoRoll.from_score(score_of((0, 2, 64, 2), (0, 1, 60, 0), (1, 2, 21)), 1.0)
         assert [[a.tolist() for a in roll.due(step)] for step in range(3)] == [
             [[39, 43], [0, 2]],
             [[0, 43], [-1, 2]],
@@ -144,24 +109,14 @@ class TestRoll:
                     getattr(each, name)[0] = 0
             assert np.array_equal(getattr(rebuild(roll), name), getattr(roll, name))
 
-    def test_given_arrays_are_copied_not_locked(self):
-        mine = np.zeros((2, 88), dtype=bool)
-        roll = PianoRoll(
-            control_timestep=0.05,
-            active=mine,
-            finger=np.full((2, 88), -1),
-            onset=mine,
-            sustain=np.zeros(2, dtype=bool),
-        )
+    def test_given_arrays_are_copied_not_locked_and_refused_if_of_unequal_length(self):
+        mine = np.zeros((3, 88), dtype=bool)
+        rows = {"active": mine, "finger": mine - np.int8(1), "onset": mine}
+        roll = PianoRoll(control_timestep=0.05, sustain=mine[:, 0], **rows)
         mine[0, 0] = True
         assert not roll.active.any()
-
-    def test_arrays_of_unequal_length_are_refused(self):
-        rows = np.zeros((3, 88))
         with pytest.raises(ScoreError, match=r"'sustain' has shape \(2,\): expected \(3,\)"):
-            PianoRoll(
-                control_timestep=1.0, active=rows, finger=rows, onset=rows, sustain=np.zeros(2)
-            )
+            PianoRoll(control_timestep=1.0, sustain=np.zeros(2), **rows)
 
     def test_equal_rolls_are_those_that_say_the_same(self):
         roll = roll_of((0, 2, 1), pedals=[(0, 1)])
@@ -196,22 +151,14 @@ class TestRoll:
 
 
 class TestOnsetTime:
-    @pytest.mark.parametrize(
-        ("notes", "buffer", "expected"),
-        [
-            ([(0.25, 2), (3.9, 5)], 0.0, [0.25, 3.9]),  # between the steps too
-            ([(0.25, 2)], 2.0, [2.25]),
-            ([(0, 2), (2.25, 4)], 0.0, [0, 3]),  # after a silent step: when that is over
-            ([(0.25, 2), (0.75, 2)], 0.0, [0.25]),  # of two in one step the first
-        ],
-    )
+    @tables("notes, buffer, expected")
     def test_a_strike_is_due_at_the_onset_of_its_note(self, notes, buffer, expected):
         roll = roll_of(*notes, initial_buffer_time=buffer)
         assert roll.onset_time == pytest.approx(expected)
 
     def test_times_are_ordered_by_step_then_key(self):
-        notes = [Note(onset=o, offset=o + 1, pitch=p) for o, p in ((0.5, 60), (0.75, 50), (3, 40))]
-        roll = PianoRoll.from_score(Score(notes=notes), 1.0)
+        score = score_of((0.5, 1.5, 60), (0.75, 1.75, 50), (3, 4, 40))
+        roll = PianoRoll.from_score(score, 1.0)
         assert roll.onset_time == pytest.approx([0.75, 0.5, 3])
 
     def test_left_out_it_is_the_beginning_of_the_step(self):

@@ -3,11 +3,14 @@ from pathlib import Path
 
 import pytest
 import yaml
+from tables import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.studies import ARPEGGIOS, SCALES
+
+tables = Tables(__file__)
 
 STUDIES = {**SCALES, **ARPEGGIOS}
 FINGERS = yaml.safe_load(
@@ -47,17 +50,7 @@ def test_fingers_are_the_standard_ones_up_and_back(name, octaves, fingers):
         assert numbers(part(name, hand, octaves=octaves)) == there_and_back(digits(text))
 
 
-@pytest.mark.parametrize(
-    ("name", "pitches"),
-    [
-        ("scale-BbMajor", "Bb5 C6 D6 Eb6 F6 G6 A6 Bb6"),
-        ("scale-ANaturalMinor", "A5 B5 C6 D6 E6 F6 G6 A6"),
-        ("scale-GSharpHarmonicMinor", "G#5 A#5 B5 C#6 D#6 E6 F##6 G#6"),
-        ("scale-Chromatic", "C5 C#5 D5 D#5 E5 F5 F#5 G5 G#5 A5 A#5 B5 C6"),
-        ("arpeggio-AbMajor", "Ab5 C6 Eb6 Ab6"),
-        ("arpeggio-FSharpMinor", "F#5 A5 C#6 F#6"),
-    ],
-)
+@tables("name, pitches")
 def test_the_left_hand_plays_two_octaves_below_the_right(name, pitches):
     up = [pitch_number(pitch) for pitch in pitches.split()]
     assert [note.pitch for note in part(name, "right")] == there_and_back(up)
@@ -111,15 +104,7 @@ def test_more_octaves_go_on_where_the_first_ends():
     assert pitches == there_and_back([48, 50, 52, 53, 55, 57, 59, 60, 62, 64, 65, 67, 69, 71, 72])
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "most"),
-    [
-        ("CMajor", {}, 3),
-        ("DbMajor", {}, 2),
-        ("CMajor", {"hands": "left"}, 5),
-        ("BMajor", {"hands": "left"}, 4),
-    ],
-)
+@tables("name, options, most")
 def test_octaves_go_as_far_as_the_keyboard(name, options, most):
     piece = SCALES[f"scale-{name}"]
     assert piece.score(octaves=most, **options).pitch_range[1] in range(97, 109)
@@ -127,19 +112,7 @@ def test_octaves_go_as_far_as_the_keyboard(name, options, most):
         piece.score(octaves=most + 1, **options)
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "message"),
-    [
-        ("tempo", 0.99, "tempo is 0.99: expected a finite number from 1 to 1000 quarter"),
-        ("tempo", 1001, "tempo is 1001: expected a finite number from 1 to 1000 quarter"),
-        ("tempo", "80 bpm", "tempo is '80 bpm': expected a finite number from 1 to 1000 quarter"),
-        ("hands", "rihgt", "hands is 'rihgt': expected one of .*'left'. Did you mean 'right'"),
-        ("hands", ["right"], r"hands is \['right'\]: expected one of"),
-        ("repeats", 0, "repeats is 0: expected a whole number, 1 or more."),
-        ("octaves", 1.5, "octaves is 1.5: expected a whole number from 1 to 3"),
-        ("key", "D", "Piece 'scale-CMajor' has no option 'key'"),
-    ],
-)
+@tables("option, value, message")
 def test_a_bad_option_is_refused_with_what_was_expected(option, value, message):
     with pytest.raises(ConfigError, match=message):
         SCALES["scale-CMajor"].score(**{option: value})

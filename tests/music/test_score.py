@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import note_of as note
+from tables import Tables
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score
+
+tables = Tables(__file__)
 
 
 def three_notes(**fields):
@@ -40,25 +43,7 @@ class TestNote:
         assert note(0, 1, hand="left").hand == "left"
         assert note(0, 1).hand is None
 
-    @pytest.mark.parametrize(
-        ("fields", "message"),
-        [
-            ({"onset": 1.5}, "Offset 1.0 s is not after onset 1.5 s"),
-            ({"onset": 1.0}, "Offset 1.0 s is not after onset 1.0 s"),
-            ({"onset": -0.1}, "Onset -0.1 is no time: expected seconds from 0"),
-            ({"onset": math.nan}, "Onset nan is no time"),
-            ({"offset": math.inf}, "Offset inf is no time"),
-            ({"offset": "2"}, "Offset '2' is no time"),
-            ({"pitch": 20}, r"Pitch 20 is out of range: expected 21 \(A0\) to 108 \(C8\)"),
-            ({"pitch": 109}, "Pitch 109 is out of range"),
-            ({"pitch": 60.0}, "Pitch 60.0 is no whole number"),
-            ({"velocity": 0}, "Velocity 0 is out of range: expected 1 to 127"),
-            ({"velocity": 128}, "Velocity 128 is out of range"),
-            ({"hand": "both"}, "Hand 'both' is not valid: expected 'right', 'left' or None"),
-            ({"finger": 10}, r"Finger 10 is out of range: expected 0-4 \(right\), 5-9 \(left\)"),
-            ({"finger": -2}, r"Finger -2 is out of range: .* or -1 \(unknown\)"),
-        ],
-    )
+    @tables("fields, message")
     def test_a_bad_value_is_refused_with_its_range(self, fields, message):
         with pytest.raises(ScoreError, match=message):
             Note(**{"onset": 0.0, "offset": 1.0, "pitch": 60, **fields})
@@ -73,22 +58,21 @@ class TestConstruction:
         merged = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals]).pedals
         assert [(p.onset, p.offset) for p in merged] == [(0, 2), (3, 4), (5, 6)]
 
-    def test_an_empty_score_is_refused_by_title(self):
-        with pytest.raises(ScoreError, match="Score 'etude' has no notes"):
-            Score(notes=[], title="etude")
+    @pytest.mark.parametrize(
+        ("notes", "message"),
+        [
+            ([], "Score 'etude' has no notes"),
+            ([note(0, 1), (0, 1, 60)], "Note 1 of 'etude' is a tuple: expected a Note"),
+        ],
+    )
+    def test_no_notes_or_what_is_not_a_note_are_refused_by_title_and_index(self, notes, message):
+        with pytest.raises(ScoreError, match=message):
+            Score(notes=notes, title="etude")
 
-    def test_what_is_not_a_note_is_refused_by_index(self):
-        with pytest.raises(ScoreError, match="Note 1 of 'etude' is a tuple: expected a Note"):
-            Score(notes=[note(0, 1), (0, 1, 60)], title="etude")
-
-    def test_equal_contents_make_equal_scores_with_equal_hashes(self):
-        reordered = Score(notes=reversed(three_notes().notes), title="etude")
-        assert reordered == three_notes()
-        assert hash(reordered) == hash(three_notes())
-
-    def test_the_order_of_simultaneous_notes_of_one_pitch_does_not_matter(self):
-        short, long = note(0, 1, finger=1), note(0, 2, finger=0)
-        assert Score(notes=[short, long]) == Score(notes=[long, short])
+    def test_equal_contents_make_equal_scores_with_equal_hashes_whatever_their_order(self):
+        notes = [*three_notes().notes, note(0, 1, finger=1), note(0, 2, finger=0)]
+        one, other = Score(notes=notes), Score(notes=notes[::-1])
+        assert (one, hash(one)) == (other, hash(other))
 
     def test_repr_tells_title_count_and_length(self):
         assert repr(three_notes()) == "Score('etude', 3 notes, 4 s)"
@@ -112,15 +96,13 @@ class TestTranspose:
         )
         assert (moved.pedals, moved.title) == (tuple(pedals), "etude")
 
-    def test_off_the_keyboard_names_the_notes_and_the_range_that_fits(self):
+    def test_off_the_keyboard_or_by_a_fraction_is_refused_with_what_fits(self):
         message = (
             r"Transposing 'etude' by 45 semitones takes 2 of its 3 notes off the keyboard, "
             r"first note 1 \(pitch 64 to 109\): expected -39 to 41"
         )
         with pytest.raises(ScoreError, match=message):
             three_notes().transpose(45)
-
-    def test_a_fraction_of_a_semitone_is_refused(self):
         with pytest.raises(ScoreError, match=r"by 1.5: expected whole semitones"):
             three_notes().transpose(1.5)
 
@@ -131,88 +113,52 @@ class TestStretch:
         assert [(n.onset, n.offset) for n in slow.notes] == [(2, 4), (4, 8), (4, 5)]
         assert slow.pedals == (Pedal(onset=1, offset=2),)
 
-    @pytest.mark.parametrize(
-        ("factor", "message"),
-        [
-            *((x, f"Cannot stretch 'etude' by {x}: expected") for x in (0.0, -1.0, math.nan)),
-            (math.inf, "Cannot stretch 'etude' by inf"),
-            # 2 and 2.5 times the smallest number above 0 are the same number.
-            (5e-324, "Note 2 of 'etude' stretched by 5e-324: offset 1e-323"),
-            (7e307, r"Note 1 of 'etude' stretched by 7e\+307: offset inf"),
-        ],
-    )
+    @tables("factor, message")
     def test_a_factor_that_leaves_no_times_is_refused(self, factor, message):
         with pytest.raises(ScoreError, match=message):
             three_notes().stretch(factor)
 
 
-class TestTrimSilence:
-    def test_the_first_note_starts_at_zero(self):
-        assert [n.onset for n in three_notes().trim_silence().notes] == [0, 1, 1]
-
-    def test_a_pedal_is_moved_cut_at_zero_or_dropped_if_wholly_before(self):
-        pedals = [(0, 0.5), (0.75, 1.5), (2, 3)]
-        trimmed = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals]).trim_silence()
-        assert [(p.onset, p.offset) for p in trimmed.pedals] == [(0, 0.5), (1, 2)]
+def test_without_silence_the_first_note_starts_at_zero_and_pedals_move_or_are_cut():
+    pedals = [(0, 0.5), (0.75, 1.5), (2, 3)]
+    trimmed = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals]).trim_silence()
+    assert [n.onset for n in trimmed.notes] == [0, 1, 1]
+    assert [(p.onset, p.offset) for p in trimmed.pedals] == [(0, 0.5), (1, 2)]
 
 
 class TestBars:
-    @pytest.mark.parametrize(
-        ("change", "bars"),
-        [
-            (lambda score: score.transpose(3), (0, 1, 1.5, 2, 3, 4)),
-            (lambda score: score.stretch(3), (0, 3, 4.5, 6, 9, 12)),
-            (lambda score: score.excerpt(1.5, 4), (0, 0.5, 1.5)),
-            (lambda score: score.trim_silence(), (0, 0.5, 1, 2, 3)),
-        ],
-    )
-    def test_move_with_the_notes(self, change, bars):
-        assert change(three_notes(bars=[0, 1, 1.5, 2, 3, 4])).bars == bars
-
-    def test_numbers_become_plain_ones(self):
-        bars = three_notes(bars=np.arange(3, dtype=np.float32)).bars
-        assert repr(bars) == "(0.0, 1.0, 2.0)"
+    def test_move_with_the_notes_and_become_plain_numbers(self):
+        score = three_notes(bars=[0, 1, 1.5, 2, 3, 4])
+        assert score.transpose(3).bars == (0, 1, 1.5, 2, 3, 4)
+        assert score.stretch(3).bars == (0, 3, 4.5, 6, 9, 12)
+        assert score.excerpt(1.5, 4).bars == (0, 0.5, 1.5)
+        assert score.trim_silence().bars == (0, 0.5, 1, 2, 3)
+        numbers = three_notes(bars=np.arange(3, dtype=np.float32)).bars
+        assert repr(numbers) == "(0.0, 1.0, 2.0)"
 
     def test_scores_that_differ_only_in_bars_are_equal(self):
         assert three_notes(bars=[0, 2]) == three_notes()
         assert hash(three_notes(bars=[0, 2])) == hash(three_notes())
 
-    @pytest.mark.parametrize(
-        ("bars", "message"),
-        [
-            ([0, -1.0], "Bar line 1 of 'etude' is at -1.0: expected seconds from 0"),
-            ([math.nan], "Bar line 0 of 'etude' is at nan: expected seconds"),
-            ([0, math.inf], "Bar line 1 of 'etude' is at inf: expected seconds"),
-            (["0"], "Bar line 0 of 'etude' is at '0': expected seconds"),
-            ([0, 2, 2], "Bar line 2 of 'etude' is at 2 s: expected it after bar line 1 at 2.0 s"),
-            ([3, 2], "Bar line 1 of 'etude' is at 2 s: expected it after bar line 0 at 3.0 s"),
-        ],
-    )
+    @tables("bars, message")
     def test_a_bad_line_is_refused_by_index_and_value(self, bars, message):
         with pytest.raises(ScoreError, match=message):
             three_notes(bars=bars)
 
     def test_survive_replacing_pickling_and_deep_copying(self):
         score = three_notes(bars=[0, 2], pedals=[Pedal(onset=0, offset=1)])
-        assert pickle.loads(pickle.dumps(score)) == copy.deepcopy(score) == score
-        for copied in (
-            dataclasses.replace(score, title="other"),
-            pickle.loads(pickle.dumps(score)),
-            copy.deepcopy(score),
-        ):
+        copies = [pickle.loads(pickle.dumps(score)), copy.deepcopy(score)]
+        assert copies == [score, score]
+        for copied in (dataclasses.replace(score, title="other"), *copies):
             assert copied.bars == (0, 2)
 
 
 class TestExcerpt:
-    def test_cuts_notes_at_the_end_and_shifts_the_start_to_zero(self):
-        cut = three_notes().excerpt(1.5, 3)
+    def test_cuts_notes_at_the_end_and_pedals_on_both_sides_and_starts_at_zero(self):
+        pedals = [(0, 1.75), (1.875, 2), (2.5, 9), (10, 11)]
+        cut = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals]).excerpt(1.5, 3)
         assert [(n.onset, n.offset, n.pitch) for n in cut.notes] == [(0.5, 1.5, 64), (0.5, 1, 67)]
-
-    def test_clips_pedals_on_both_sides(self):
-        pedals = [(0, 1.5), (1.75, 2), (2.5, 9), (10, 11)]
-        score = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals])
-        cut = score.excerpt(1.0, 3.0).pedals
-        assert [(p.onset, p.offset) for p in cut] == [(0, 0.5), (0.75, 1), (1.5, 2)]
+        assert [(p.onset, p.offset) for p in cut.pedals] == [(0, 0.25), (0.375, 0.5), (1, 1.5)]
 
     def test_an_empty_result_names_where_the_onsets_lie(self):
         with pytest.raises(ScoreError, match=r"No note of 'etude' .* between 1.0 s and 2.0 s"):

@@ -2,24 +2,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tables import Tables
 
 from sb3_piano.music import PianoRoll, load_score, major_scale
 from sb3_piano.music.studies import DEBUG
+
+tables = Tables(__file__)
 
 _HANDS = ("OneHand", "TwoHands")
 REFERENCE = Path(__file__).parents[1] / "data" / "reference"
 
 
-@pytest.mark.parametrize(
-    ("name", "file"),
-    [
-        ("CMajorScaleTwoHands", "rollout_CMajorScaleTwoHands_full_2"),
-        ("CMajorChordProgressionTwoHands", "rollout_CMajorChordProgressionTwoHands_reduced_3"),
-        ("CMajorScaleTwoHands", "performance_CMajorScaleTwoHands_full"),
-        ("DMajorScaleTwoHands", "performance_DMajorScaleTwoHands_full"),
-        ("CMajorChordProgressionTwoHands", "performance_CMajorChordProgressionTwoHands_full"),
-    ],
-)
+@tables("name, file")
 def test_rolls_equal_those_of_robopianist(name, file):
     reference = np.load(REFERENCE / f"{file}.npz")
     buffer = float(reference.get("initial_buffer_time", 0.0))
@@ -55,16 +49,9 @@ def test_twinkle_has_two_phrases_that_end_in_a_long_note():
     assert [note.onset for note in notes[6:8]] == [3.0, 4.0]
 
 
-@pytest.mark.parametrize(
-    ("name", "bars"),
-    [
-        *((f"{key}MajorScale{hands}", (0, 2, 4, 6)) for key in "CD" for hands in _HANDS),
-        ("CMajorChordProgressionTwoHands", (0,)),
-        ("TwinkleTwinkleLittleStar", (0, 2, 4, 6)),
-    ],
-)
+@tables("name, bars")
 def test_the_studies_are_in_four_four_time(name, bars):
-    assert load_score(name).bars == bars
+    assert load_score(name).bars == tuple(bars)
 
 
 def test_a_scale_starts_where_and_lasts_as_long_as_asked():

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from hearing import dominant_frequency, loudness, onsets_in
 from scipy.io import wavfile
+from tables import Tables
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import SAMPLE_RATE, Note, Pedal, Score, synthesize, write_wav
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
+
+tables = Tables(__file__)
 
 RATE = SAMPLE_RATE
 
@@ -62,17 +65,7 @@ def test_notes_and_presses_shorter_than_a_tick_end(length):
         assert loudness(sound, RATE, 0.8, 0.9) < 0.03 * loudness(held, RATE, 0.8, 0.9)
 
 
-@pytest.mark.parametrize(
-    ("pedals", "damped_at"),
-    [
-        ([], 0.2),
-        ([(0.1, 1.0)], 1.0),
-        ([(0.2, 1.0)], 1.0),  # pressed at the moment the key is let go
-        ([(0.0, 0.2)], 0.2),  # comes up at that moment
-        ([(0.3, 1.0)], 0.2),  # too late
-        ([(0.1, 0.6), (0.7, 1.0)], 0.6),
-    ],
-)
+@tables("pedals, damped_at")
 def test_the_pedal_holds_a_note_that_is_let_go_while_it_is_down(pedals, damped_at):
     with_pedal = synthesize(score(note(0.0, 0.2), pedals=pedals))
     held = synthesize(score(note(0.0, damped_at)))

@@ -2,27 +2,15 @@
 
 import mido
 import pytest
+from tables import Tables
 
 from sb3_piano.music import read_midi
 from sb3_piano.music.formats.midi_hands import hand_of_name
 
+tables = Tables(__file__)
 
-@pytest.mark.parametrize(
-    ("name", "hand"),
-    [
-        *(("right", "right"), ("Left Hand", "left"), ("RH", "right"), ("l.h.", "left")),
-        *(("Piano right", "right"), ("Piano (L.H.)", "left"), ("PianoLeft", "left")),
-        *(("Upper", "right"), ("lower staff", "left"), ("Treble Clef", "right")),
-        *(("bass clef", "left"), ("main droite", "right"), ("Main Gauche", "left")),
-        *(("Rechte Hand", "right"), ("linke hand", "left"), ("Klavier rechts", "right")),
-        *(("m. g.", "left"), ("mano destra", "right"), ("RightHand_1", "right")),
-        *(("Für Elise - right hand", "right"), ("Track 2 LH", "left")),
-        *(("", None), ("Piano", None), ("Bass", None), ("Guitar Left", None)),
-        *(("Upright Piano", None), ("Bright", None), ("left and right", None)),
-        *(("RH + LH", None), ("Upper Strings", None), ("All rights reserved", None)),
-        *(("Rhodes", None), ("R", None), ("unlabelled", None), ("R1", None)),
-    ],
-)
+
+@tables("name, hand")
 def test_a_name_tells_the_hand_or_nothing(name, hand):
     assert hand_of_name(name) == hand
 

@@ -3,13 +3,15 @@
 import re
 
 import numpy as np
-import pytest
 from html_page import Page
 from report_parts import C4, metrics_of, note, performance, resting, three_notes
+from tables import Tables
 
 from sb3_piano.metrics import FINGER_SHARES, has_value
 from sb3_piano.viewing.report import Curve, Report, report_html
 from sb3_piano.viewing.report.page import definition_of, formatted
+
+tables = Tables(__file__)
 
 NONE = "\N{EN DASH}"
 
@@ -82,17 +84,7 @@ def test_what_did_not_happen_is_told_in_words_and_dashes():
     assert "not reached 1" in text
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "label", "text"),
-    [
-        ("onset_f1", 0.12345, "Onset F1", "0.123"),
-        ("return_energy", -1.25, "Energy", "\N{MINUS SIGN}1.25"),
-        ("return_own_term", 2.0, "Own term", "2.000"),
-        ("finger_share_l1", -0.0001, "Share of the left thumb", "0.00"),
-        ("wrong_presses_per_second", 0.124, "Wrong presses", "0.124\N{NO-BREAK SPACE}/s"),
-        ("", 1.0, "", "1.000"),
-    ],
-)
+@tables("name, value, label, text")
 def test_labels_begin_a_line_and_numbers_are_rounded(name, value, label, text):
     assert definition_of(name).label == label
     assert formatted(name, value) == text

@@ -9,10 +9,13 @@ import av
 import numpy as np
 import pytest
 from hearing import loudness, onsets_in
+from tables import Tables
 
 from sb3_piano.exceptions import ConfigError, RenderingError
 from sb3_piano.music import SAMPLE_RATE, Note, Score, synthesize, write_wav
 from sb3_piano.viewing import write_video
+
+tables = Tables(__file__)
 
 SIZE = (64, 48)
 
@@ -107,16 +110,7 @@ def test_each_picture_is_written_before_the_next_is_drawn(tmp_path):
         assert container.streams.video[0].average_rate == Fraction(100, 3)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"size": (63, 48)}, "size is 63x48: expected even numbers"),
-        ({"size": (0, 48)}, "size is 0x48: expected even numbers"),
-        ({"fps": 0.0}, "fps is 0.0: expected more than 0, up to 1000"),
-        ({"fps": float("nan")}, "fps is nan: expected more than 0, up to 1000"),
-        ({"audio": "no.wav"}, "audio is 'no.wav': expected a sound file"),
-    ],
-)
+@tables("changes, message")
 def test_wrong_arguments_are_told_before_anything_is_drawn(tmp_path, changes, message):
     arguments = {"fps": 20.0, "audio": None, "size": SIZE, **changes}
     with pytest.raises(ConfigError, match=message):

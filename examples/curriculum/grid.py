@@ -123,7 +123,7 @@ def practised(practice: Practice) -> tuple[int, Path]:
     result = run_curriculum(curriculum, folder, seed=practice.seed, progress_bar=False)
     if result.interrupted:
         raise KeyboardInterrupt
-    return practice.seed, result.runs[-1].path
+    return practice.seed, result.runs[-1].job.folder
 
 
 def cell(labels: str, weight: float, start: Path | None, seed: int, steps: int | None) -> RunConfig:

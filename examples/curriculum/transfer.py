@@ -76,7 +76,7 @@ def trained(chain: Chain) -> tuple[str, Metrics]:
         raise KeyboardInterrupt
     found: Metrics = {}
     for number, (piece, run) in enumerate(zip(chain.pieces, result.runs, strict=True), start=1):
-        judged = evaluate(run.path)
+        judged = evaluate(run.job.folder)
         if judged.interrupted:
             raise KeyboardInterrupt
         found[piece, number] = dict(judged.mean)

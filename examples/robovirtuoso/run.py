@@ -24,8 +24,8 @@ from cells import RUNS, SIGHT_READER, STUDY, Cell, Training, find_cells
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import RunError, SB3PianoError
 from sb3_piano.jobs import Outcome, finish
-from sb3_piano.pipelines import TrainingJob
 from sb3_piano.pipelines import training as training_job
+from sb3_piano.pipelines.training import TrainingJob
 from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.training import PlannedConfig, RunFolder, evaluate_runs

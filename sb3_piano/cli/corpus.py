@@ -57,7 +57,9 @@ def add_arguments(parser: Any) -> None:
 
 def _corpus(arguments: argparse.Namespace) -> int:
     from sb3_piano.jobs import open_executor
-    from sb3_piano.pipelines import DEFAULT_NOISE, CorpusConfig, corpus_status, record_corpus
+    from sb3_piano.pipelines import CorpusConfig, record_corpus
+    from sb3_piano.pipelines.corpus import corpus_status
+    from sb3_piano.pipelines.corpus_settings import DEFAULT_NOISE
 
     config = CorpusConfig(
         pieces=arguments.pieces,
@@ -95,7 +97,7 @@ def _corpus(arguments: argparse.Namespace) -> int:
 
 
 def _show(corpus: RecordedCorpus) -> None:
-    from sb3_piano.pipelines import summary
+    from sb3_piano.pipelines.corpus import summary
 
     table = new_table("player", "noise, rad", "performances", "F1", "onset F1")
     for row in summary(corpus.shards):

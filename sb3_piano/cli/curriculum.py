@@ -24,7 +24,8 @@ from sb3_piano.exceptions import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sb3_piano.pipelines import CurriculumResult, StageProgress
+    from sb3_piano.jobs import Job, Outcome
+    from sb3_piano.pipelines.training import Trained
 
 _RUN_HELP = "the curriculum's folder; default: runs/curricula/NAME, after FILE"
 _METRICS = ("f1", "onset_f1")
@@ -46,7 +47,8 @@ def add_arguments(parser: Any) -> None:
 
 
 def _curriculum(arguments: argparse.Namespace) -> int:
-    from sb3_piano.pipelines import curriculum_status, load_curriculum, run_curriculum
+    from sb3_piano.pipelines import load_curriculum, run_curriculum
+    from sb3_piano.pipelines.curriculum import curriculum_status
 
     options: dict[str, Any] = {"progress_bar": not arguments.no_progress}
     if arguments.checkpoint_every is not None:
@@ -65,42 +67,42 @@ def _curriculum(arguments: argparse.Namespace) -> int:
         return EXIT_OK
     number = {name: n for n, name in enumerate(curriculum.run_names, start=1)}
 
-    def tell(stage: StageProgress) -> None:
+    def tell(stage: Job) -> None:
         print(f"[{number[stage.name]}/{len(number)}] {stage.name}", flush=True)
 
     result = run_curriculum(
         curriculum, folder, runs_dir=runs_dir, seed=arguments.seed, on_stage=tell, **options
     )
-    _report(result)
+    last = str(result.folder / curriculum.run_names[-1])
+    _report(result, last)
     if result.interrupted:
         return EXIT_INTERRUPTED
     if arguments.evaluate:
-        evaluate_run(str(result.runs[-1].path))
+        evaluate_run(last)
     return EXIT_OK
 
 
-def _report(result: CurriculumResult) -> None:
+def _report(result: Trained, last: str) -> None:
     from sb3_piano.pipelines.curriculum import go_on
 
-    _show(result.stages)
+    _show(result.runs)
     print(f"Folder:   {result.folder}")
     if result.interrupted:
         print(f"Go on:    {go_on(result.folder)}")
         return
     if result.had_finished:
         print("All stages had ended: nothing was left to do. Once more: with another --run FOLDER")
-    print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(result.runs[-1].path))}")
+    print(f"Evaluate: sb3-piano evaluate {shlex.quote(last)}")
 
 
-def _show(stages: Sequence[StageProgress]) -> None:
+def _show(stages: Sequence[Outcome]) -> None:
     table = new_table("stage", "ended by", "steps", *map(label, _METRICS), left=2)
     for stage in stages:
-        steps = str(stage.num_timesteps) if stage.num_timesteps else _NOTHING
-        add_row(table, stage.name, stage.ended_by or _NOTHING, steps, *_last_values(stage))
+        job: Any = stage.job
+        result = stage.result or {}
+        evaluations = job.evaluations(result.get("num_timesteps"))
+        metrics = evaluations[-1].metrics if evaluations else {}
+        last = [rounded(n, metrics[n]) if n in metrics else _NOTHING for n in _METRICS]
+        steps = str(job.progress()[0] or _NOTHING)
+        add_row(table, job.name, result.get("ended_by", _NOTHING), steps, *last)
     print_table(table)
-
-
-def _last_values(stage: StageProgress) -> list[str]:
-    """Return F1 and onset F1 of a stage's last evaluation; dashes where there are none."""
-    metrics = stage.evaluations[-1].metrics if stage.evaluations else {}
-    return [rounded(n, metrics[n]) if n in metrics else _NOTHING for n in _METRICS]

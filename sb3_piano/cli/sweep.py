@@ -44,7 +44,8 @@ def add_arguments(parser: Any) -> None:
 
 def _sweep(arguments: argparse.Namespace) -> int:
     from sb3_piano.jobs.folders import shared_folder
-    from sb3_piano.pipelines import load_sweep, sweep, sweep_status
+    from sb3_piano.pipelines import load_sweep, sweep
+    from sb3_piano.pipelines.sweep import sweep_status
 
     config = load_sweep(arguments.file)
     default = Path("runs/sweeps", Path(arguments.file).stem)
@@ -72,7 +73,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(folder))}/*/seed_*")
     if result.interrupted:
         return tell_interrupted(True, hint=": the same command goes on.")
-    failed = (f"{_called(run)}: {run.reason}" for run in result.failures)
+    failed = (f"{_called(run)}: {run.reason}" for run in result.runs if run.error is not None)
     return tell_errors(*failed)
 
 

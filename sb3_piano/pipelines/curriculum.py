@@ -6,93 +6,29 @@ import contextlib
 import dataclasses
 import os
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import numpy as np
 
-from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
-from sb3_piano.exceptions import RunError
-from sb3_piano.files import read_json, write_json, write_yaml
-from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import Here, Job, finish, is_empty
+from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
+from sb3_piano.files import write_yaml
+from sb3_piano.jobs import Here, Job, Outcome, is_empty, status
 from sb3_piano.jobs.folders import shared_folder, unwritable
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.pipelines.fit import check_fit
-from sb3_piano.pipelines.stages import CURRICULUM_FILE, Curriculum, Stage, load_curriculum
-from sb3_piano.pipelines.training import steps_of, train_to_end
-from sb3_piano.pipelines.watch import EndWhenMet, StageEvaluation, read_evaluations
+from sb3_piano.pipelines.stages import CURRICULUM_FILE, Curriculum, load_curriculum
+from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, training
 from sb3_piano.settings import Count, checked
-from sb3_piano.training import RunConfig, RunFolder
+from sb3_piano.training import RunFolder
 from sb3_piano.training.runs.start import start_plugin
 
 _FORMER = "curriculum.json"
-"""File in which former versions noted evaluations and ends of stages."""
+"""File of former versions."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class StageProgress:
-    """Progress of a stage."""
-
-    name: str
-    """Name of its run's folder in that of the curriculum."""
-    num_timesteps: int = 0
-    """Environment steps that were done when it ended, or was last saved."""
-    ended_by: Literal["budget", "condition", "callback"] | None = None
-    """Reason of its end: its ``n_timesteps`` are done, its condition is met, or another callback
-    ended its training; ``None`` before that."""
-    evaluations: tuple[StageEvaluation, ...] = ()
-    """Its evaluations, the oldest first."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CurriculumResult:
-    """Result of :func:`run_curriculum`."""
-
-    folder: Path
-    """Folder of all files."""
-    stages: tuple[StageProgress, ...]
-    """Progress of each stage."""
-    had_finished: bool = False
-    """Whether there was nothing left to do."""
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C or SIGTERM ended it early."""
-        return any(stage.ended_by is None for stage in self.stages)
-
-    @property
-    def runs(self) -> tuple[RunFolder, ...]:
-        """Folders of the stages' runs, also of those that have not begun."""
-        return tuple(RunFolder(self.folder / stage.name) for stage in self.stages)
-
-
-@dataclass(frozen=True, kw_only=True)
-class StageJob(Job):
-    """A stage, whose run is in the job's folder."""
-
-    kind: ClassVar[str] = "stage"
-
-    stage: Stage
-    algo: str
-    seed: int
-    start: Path | None
-    """The run that it starts from."""
-
-    def progress(self) -> tuple[int, int]:
-        """Return how many environment steps are done, and how many were asked for."""
-        return steps_of(self.folder), self.stage.run_config(self.algo).n_timesteps
-
-    def config(self) -> RunConfig:
-        """Return the settings of its run, with its seed and its start."""
-        config = dataclasses.replace(self.stage.run_config(self.algo), seed=self.seed)
-        if self.start is None:
-            return config
-        plugin = start_plugin(self.start, self.stage.with_buffer, self.stage.with_entropy)
-        return dataclasses.replace(config, callback=(*config.callback, plugin))
+_SIZES = ("n_envs", "buffer_size")
+"""What has to be equal where a stage begins with the replay buffer of the one before."""
 
 
 def run_curriculum(
@@ -103,8 +39,8 @@ def run_curriculum(
     seed: int | None = None,
     progress_bar: bool = True,
     checkpoint_every: int = DEFAULT_EVERY,
-    on_stage: Callable[[StageProgress], object] = lambda stage: None,
-) -> CurriculumResult:
+    on_stage: Callable[[Job], object] = lambda stage: None,
+) -> Trained:
     """Train the stages of a curriculum, one after the other.
 
     Each starts from the last model of the one before by
@@ -115,12 +51,9 @@ def run_curriculum(
     where it stopped, after a crash from the last checkpoint. A stage that has ended is not trained
     again; stages that have not begun may be changed, left out or added.
 
-    =================== ==========================================================================
-    ``curriculum.yml``  the curriculum, each stage with all its settings, and the seed
-    ``<n>_<name>/``     the run of stage n, from 1 on, as :func:`~sb3_piano.training.train` makes
-                        it, with the stage's evaluations in ``evaluations.json`` and, once it has
-                        ended, after how many steps and why in ``result.json``
-    =================== ==========================================================================
+    The folder gets ``curriculum.yml``, each stage with all its settings, and the seed; and
+    ``<n>_<name>/``, the run of stage n, with the stage's evaluations in ``evaluations.json`` and,
+    once it has ended, after how many steps and why in ``result.json``.
 
     Args:
         curriculum: The stages. The environments of those that have not begun are made before any of
@@ -131,7 +64,7 @@ def run_curriculum(
         seed: Seed of each stage, in place of the curriculum's; without either, one is drawn.
         progress_bar: Whether to show progress on the terminal.
         checkpoint_every: Environment steps between two checkpoints.
-        on_stage: Is called with each stage before it is trained.
+        on_stage: Is called with each stage's job before it is trained.
 
     Raises:
         ConfigError: If a setting is invalid, or a stage cannot start from the one before.
@@ -142,145 +75,129 @@ def run_curriculum(
         curriculum = dataclasses.replace(curriculum, seed=seed)
     place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)
     shared_folder(folder or place)
-    options = {"progress_bar": progress_bar, "checkpoint_every": checkpoint_every}
-    with _owned(place), stop_on_signal():
-        jobs = _begin(place, curriculum, options)
-        had_finished = all(job.result() is not None for job in jobs)
-        with contextlib.suppress(KeyboardInterrupt):  # which the result tells
-            outcomes = finish(jobs, Here(), on_begin=lambda job: on_stage(_progress(job)))
-            for outcome in outcomes:
-                if outcome.error is not None:
-                    raise outcome.error
-    stages = tuple(map(_progress, jobs))
-    return CurriculumResult(folder=place, stages=stages, had_finished=had_finished)
+    expected = "one process in a folder. Wait for its end or stop it; then go on with: "
+    curriculum, begun = _with_seed(place, curriculum)
+    jobs = _jobs(place, curriculum, progress_bar=progress_bar, checkpoint_every=checkpoint_every)
+    for job in jobs[:begun]:
+        job.begin()
+    check_fit(curriculum, begun)
+    busy = f"The curriculum in '{place}' is being trained"
+    with hold(place / LOCK_SUFFIX, busy, expected + go_on(place)):
+        try:
+            write_yaml(place / CURRICULUM_FILE, curriculum.to_mapping())
+        except OSError as error:
+            raise unwritable(place, error) from error
+        result = train_all(place, jobs, executor=Here(), on_begin=on_stage)
+    for run in result.runs:
+        if run.error is not None:
+            raise run.error
+    return result
 
 
-def curriculum_status(folder: str | os.PathLike[str]) -> list[StageProgress]:
+def curriculum_status(folder: str | os.PathLike[str]) -> list[Outcome]:
     """Return how far each stage of a curriculum is, also while it is trained."""
-    place = Path(folder)
-    return [_progress(job) for job in _jobs(place, load_curriculum(place), {})]
+    return status(_jobs(Path(folder), load_curriculum(folder)))
 
 
-def _jobs(place: Path, curriculum: Curriculum, options: Mapping[str, Any]) -> list[StageJob]:
-    """Return a job for each stage; it needs the one before."""
-    jobs: list[StageJob] = []
-    start = None if curriculum.init_from is None else Path(curriculum.init_from)
+def _jobs(place: Path, curriculum: Curriculum, **options: Any) -> list[TrainingJob]:
+    """Return a job for each stage; it needs the one before.
+
+    Raises:
+        ConfigError: If a setting is not valid.
+    """
+    jobs: list[TrainingJob] = []
     shared = {"algo": curriculum.algo, "seed": curriculum.seed, "init_from": curriculum.init_from}
+    shared = {name: value for name, value in shared.items() if value is not None}
+    start = curriculum.init_from
     for name, stage in zip(curriculum.run_names, curriculum.stages, strict=True):
+        with _of_stage(len(jobs) + 1):
+            config = dataclasses.replace(stage.run_config(curriculum.algo), seed=curriculum.seed)
+        if start is not None:
+            plugin = start_plugin(start, stage.with_buffer, stage.with_entropy)
+            config = dataclasses.replace(config, callback=(*config.callback, plugin))
         jobs.append(
-            StageJob(
-                name=name,
-                folder=place / name,
-                work=_train_stage,
-                settings={n: v for n, v in shared.items() if v is not None} | stage.to_mapping(),
-                needs=tuple(job.name for job in jobs[-1:]),
-                options=options,
-                stage=stage,
-                algo=curriculum.algo,
-                seed=curriculum.seed or 0,
-                start=start,
+            training(
+                name,
+                place / name,
+                config,
+                episodes=0,
+                until=stage.until,
+                settings=shared | stage.to_mapping(),
+                needs=[job.name for job in jobs[-1:]],
+                **options,
             )
         )
-        start = place / name
+        start = str(place / name)
     return jobs
 
 
-def _train_stage(job: StageJob) -> Mapping[str, Any]:
-    """Train a stage to its end: all its steps, or its condition."""
-    steps, run = steps_of(job.folder), RunFolder(job.folder)
-    watch = EndWhenMet(job.stage.until, job.folder)
-    if steps and watch.is_met(read_evaluations(job.folder, steps)):
-        saved = Checkpoint.read(run.checkpoint_dir)
-        assert saved is not None, "it has steps"
-        saved.copy_model(run.checkpoint_dir, run.model_file)  # by a process that was killed before
-        return {"num_timesteps": steps, "ended_by": "condition"}
-    steps, early = train_to_end(job.folder, job.config(), [watch], **job.options)
-    ended = "condition" if watch.is_met(watch.evaluations) else "callback" if early else "budget"
-    return {"num_timesteps": steps, "ended_by": ended}
+def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
+    """Return a curriculum with the seed of its folder, and how many stages have begun there.
 
-
-def _progress(job: Job) -> StageProgress:
-    """Return what is known of a stage by its folder."""
-    found = job.result()
-    steps = steps_of(job.folder) if found is None else found["num_timesteps"]
-    ended_by = None if found is None else found["ended_by"]
-    evaluations = read_evaluations(job.folder, None if found is None else steps)
-    return StageProgress(
-        name=job.name, num_timesteps=steps, ended_by=ended_by, evaluations=evaluations
-    )
-
-
-def _begin(place: Path, curriculum: Curriculum, options: Mapping[str, Any]) -> list[StageJob]:
-    """Write a curriculum that fits into its folder; return its stages."""
+    Raises:
+        RunError: If something else is in the folder, or other stages have begun.
+    """
     file = place / CURRICULUM_FILE
-    # Those that are read from the file begin at its folder.
-    curriculum = Curriculum.from_mapping(curriculum.to_mapping(), Path.cwd())
-    begun = 0
-    if file.is_file():
-        stored = load_curriculum(place)
-        _adopt_former(place, _jobs(place, stored, {}))
-        names = [name for name in stored.run_names if RunFolder(place / name).has_begun]
-        begun = len(names)
-        if curriculum.seed is None:
-            curriculum = dataclasses.replace(curriculum, seed=stored.seed)
-        for index, name in enumerate(names):
-            if name not in curriculum.run_names[index : index + 1]:
-                raise RunError(
-                    f"Stage {index + 1} of the curriculum in '{place}' has begun as {name!r}: "
-                    "expected the same stage, or another folder (--run). Only stages that have not "
-                    "begun may change."
-                )
-    elif not is_empty(place):
+    if (place / _FORMER).is_file():
+        raise RunError(
+            f"The curriculum in '{place}' was begun by an older version: expected another folder "
+            "(--run), with init_from its last stage. Its stages are runs like all others."
+        )
+    if place.is_dir() and not (file.is_file() or is_empty(place)):
         raise RunError(
             f"Folder '{place}' is not empty, and holds no curriculum: expected a new or empty "
             "folder, or that of a curriculum."
         )
-    if curriculum.seed is None:
-        drawn = int(np.random.default_rng().integers(2**31))
-        curriculum = dataclasses.replace(curriculum, seed=drawn)
-    jobs = _jobs(place, curriculum, options)
-    for job in jobs[:begun]:
-        job.begin()
-    if begun < len(jobs):
-        check_fit(curriculum, begun)
-    try:
-        write_yaml(file, curriculum.to_mapping())
-    except OSError as error:
-        raise unwritable(place, error) from error
-    return jobs
+    begun = sorted(path.name for path in place.glob("*_*") if RunFolder(path).has_begun)
+    for name in begun:
+        if name not in curriculum.run_names:
+            raise RunError(
+                f"Stage {name.partition('_')[0]} of the curriculum in '{place}' has begun as "
+                f"{name!r}: expected the same stage, or another folder (--run). Only stages that "
+                "have not begun may change."
+            )
+    seed = curriculum.seed
+    if seed is None and file.is_file():
+        seed = load_curriculum(place).seed
+    if seed is None:
+        seed = int(np.random.default_rng().integers(2**31))
+    return dataclasses.replace(curriculum, seed=seed), len(begun)
 
 
-def _adopt_former(place: Path, jobs: Sequence[StageJob]) -> None:
-    """Take over the stages of a folder in which a former version began."""
-    expected = "expected the file that a curriculum wrote."
-    noted = read_json(place / _FORMER, dict[str, tuple[StageProgress, ...]], expected) or {}
-    by_name = {stage.name: stage for stage in noted.get("stages", ())}
-    for job in jobs:
-        run = RunFolder(job.folder)
-        if not run.has_begun or job.settings_file.is_file():
-            continue
-        stage = by_name.get(job.name, StageProgress(name=job.name))
-        EndWhenMet(None, job.folder).note(stage.evaluations)
-        saved = steps_of(job.folder) if run.checkpoint_dir.is_dir() else stage.num_timesteps
-        if stage.ended_by is not None and saved >= stage.num_timesteps:
-            result = {"num_timesteps": stage.num_timesteps, "ended_by": stage.ended_by}
-            write_json(job.result_file, result)
-        write_yaml(job.settings_file, job.settings)
+def check_fit(curriculum: Curriculum, begun: int = 0) -> None:
+    """Make the environments of all stages but for those that have begun, and the last of these.
+
+    Raises:
+        ConfigError: If a setting is invalid, or a stage cannot start from the one before.
+    """
+    before: dict[str, Any] = {}
+    stages = list(enumerate(curriculum.stages, start=1))
+    for number, stage in stages[max(begun - 1, 0) :] if begun < len(stages) else ():
+        with _of_stage(number):
+            config = stage.run_config(curriculum.algo)
+            with contextlib.closing(config.env.make()) as env:
+                ours = {n: getattr(env, n) for n in ("observation_space", "action_space")}
+            ours["normalize"] = config.normalize is not False
+            sizes = {n: {**config.algorithm_kwargs, "n_envs": config.n_envs}.get(n) for n in _SIZES}
+            for name in (*ours, *(sizes if stage.with_buffer else ())):
+                theirs, value = before.get(name), {**ours, **sizes}[name]
+                if before and theirs != value:
+                    alike = "of the same wrappers and an observation that does not go by the piece"
+                    cure = "or no with_buffer" if name in sizes else f"{alike}, such as 'roll'"
+                    raise ConfigError(
+                        f"Its {name} is {value}, that of the stage before {theirs}: expected equal "
+                        f"ones, {cure}."
+                    )
+            before = {**ours, **sizes}
 
 
 @contextlib.contextmanager
-def _owned(place: Path) -> Iterator[None]:
-    """Keep other processes from training in a curriculum's folder; leave none that is empty."""
-    busy = f"The curriculum in '{place}' is being trained"
-    expected = (
-        f"one process in a folder. Wait for its end or stop it; then go on with: {go_on(place)}"
-    )
+def _of_stage(number: int) -> Iterator[None]:
+    """Tell the number of the stage in which something is wrong."""
     try:
-        with hold(place / LOCK_SUFFIX, busy, expected):
-            yield
-    finally:
-        with contextlib.suppress(OSError):  # it is not empty, or is gone
-            place.rmdir()
+        yield
+    except SB3PianoError as error:
+        raise ConfigError(f"Stage {number}: {error}") from error
 
 
 def go_on(place: Path) -> str:

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from sb3_piano.exceptions import RunError
+from annotated_types import MinLen
+
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import load_yaml, write_csv, write_yaml
-from sb3_piano.jobs import Outcome, Resources, finish, is_empty, status
+from sb3_piano.jobs import Outcome, Resources, is_empty, status
 from sb3_piano.jobs.folders import shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.pipelines.grid import SweepConfig
-from sb3_piano.pipelines.training import TrainingJob, training
+from sb3_piano.music import is_path, select_pieces
+from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, training
+from sb3_piano.registration import GENERAL_ID
+from sb3_piano.settings import Count, Index, Listed, settings
+from sb3_piano.training import RunConfig, load_config
+from sb3_piano.training.configuration.yaml_files import merged, read_yaml_mapping
 
 RESULTS = "results.csv"
 
@@ -23,21 +31,92 @@ _FORMER = "sweep.yml"
 """File in which former versions noted the settings of all runs."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SweepResult:
-    """What a sweep came to."""
+@settings
+class SweepConfig:
+    """All settings of a sweep: its cells are every algorithm with every piece in every variant.
 
-    folder: Path
-    """The sweep's folder."""
-    runs: tuple[Outcome, ...]
-    """Each run, in the order of the grid."""
-    interrupted: bool = False
-    """Whether Ctrl-C or SIGTERM ended it early."""
+    Raises:
+        ConfigError: If a setting is unknown, has the wrong type or is out of range.
+    """
 
-    @property
-    def failures(self) -> list[Outcome]:
-        """The runs that failed."""
-        return [run for run in self.runs if run.error is not None]
+    algos: Annotated[tuple[str, ...], Listed, MinLen(1)] = ("sac",)
+    """Names of algorithms."""
+    pieces: Annotated[tuple[str, ...], Listed] = ()
+    """What ``RoboPianist-v0`` plays: entries of :func:`~sb3_piano.music.select_pieces`; each piece
+    is a cell of its own."""
+    envs: Annotated[tuple[str, ...], Listed] = ()
+    """Ids of environments, which are cells beside the pieces."""
+    variants: Annotated[Mapping[str, Mapping[str, Any]], MinLen(1)] = field(
+        default_factory=lambda: {"": {}}
+    )
+    """Settings by a name that is a part of the cell's; ``config`` among them names the file."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of all runs, as in a YAML file for ``train``, such as ``n_timesteps``; those of a
+    variant come before them. ``config`` is the YAML file or the name of presets."""
+    seeds: Annotated[tuple[Index, ...], Listed, MinLen(1)] = (0,)
+    """Seeds of each cell; each is a run of its own."""
+    episodes: Count = 1
+    """Episodes that each model plays when it is trained."""
+    checkpoint_every: Count = 10_000
+    """Environment steps between two checkpoints: what is lost at most when a process dies."""
+    resources: Mapping[str, Any] = field(default_factory=dict)
+    """What a run needs on a cluster: fields of :class:`~sb3_piano.jobs.Resources`."""
+
+    def __post_init__(self) -> None:
+        Resources(**self.resources)
+        if not (self.pieces or self.envs):
+            raise ConfigError("A sweep has neither pieces nor envs: expected at least one.")
+
+    def runs(self) -> dict[tuple[str, int], RunConfig]:
+        """Return the settings of each run by cell and seed.
+
+        Raises:
+            ConfigError: If a run's settings are not valid, or two cells have one name.
+            UnknownPieceError: If there is no such piece.
+        """
+        played: list[tuple[str, str, dict[str, Any]]] = [(env, env, {}) for env in self.envs]
+        for piece in map(str, select_pieces(self.pieces) if self.pieces else ()):
+            text = os.path.realpath(piece) if is_path(piece) else piece
+            played.append((Path(text).stem, GENERAL_ID, {"score": text}))
+        found: dict[tuple[str, int], RunConfig] = {}
+        grid = itertools.product(self.algos, played, self.variants.items(), self.seeds)
+        for algo, (title, env_id, options), (variant, changed), seed in grid:
+            plain = (re.sub(r"[^\w.-]+", "-", part).strip("-") for part in (algo, title, variant))
+            name = "_".join(filter(None, plain))
+            if (name, seed) in found:
+                raise ConfigError(
+                    f"Two cells of the sweep are called {name!r} with seed {seed}: expected "
+                    "algorithms, pieces, variants and seeds that differ."
+                )
+            try:
+                given = merged(self.settings, changed)
+                given = merged(given, {"env_kwargs": options, "seed": seed})
+                found[name, seed] = load_config(algo, env_id, given.pop("config", None), **given)
+            except ConfigError as error:
+                raise ConfigError(f"Cell {name!r} of the sweep: {error}") from error
+        return found
+
+    def jobs(self, place: Path) -> list[TrainingJob]:
+        """Return the runs as jobs in the sweep's folder."""
+        every = self.checkpoint_every
+        names = {f"{cell}/seed_{seed}": run for (cell, seed), run in self.runs().items()}
+        return [
+            training(name, place / name, run, episodes=self.episodes, checkpoint_every=every)
+            for name, run in names.items()
+        ]
+
+
+def load_sweep(file: str | os.PathLike[str]) -> SweepConfig:
+    """Return the settings in a YAML file.
+
+    Raises:
+        ConfigError: If it cannot be read or a setting is not valid; the message names the file.
+    """
+    content = read_yaml_mapping(Path(file))
+    try:
+        return SweepConfig(**content)
+    except ConfigError as error:
+        raise ConfigError(f"'{file}': {error}") from error
 
 
 def sweep(
@@ -48,7 +127,7 @@ def sweep(
     workers: int | None = None,
     ray: str | None = None,
     on_result: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
-) -> SweepResult:
+) -> Trained:
     """Train and evaluate every run of a grid, or go on with what is left of one.
 
     The folder gets a run's folder ``<cell>/seed_<n>`` for each, and ``results.csv``, a line of
@@ -70,53 +149,34 @@ def sweep(
         RunError: If the folder cannot be used, or has runs of other settings.
     """
     place = shared_folder(folder)
-    jobs = jobs_of(config, place)
+    jobs = config.jobs(place)
     expected = "one command in a folder. More runs at once are --workers; how far it is: sb3-piano "
     expected += "sweep FILE --status"
     with hold(place / LOCK_SUFFIX, f"Sweep '{place}' is being run", expected):
-        _begin(place, jobs)
-        known = status(jobs)
-        found = {one.job.name: one for one in known}
-
-        def tell(outcome: Outcome, done: int, total: int) -> None:
-            found[outcome.job.name] = outcome
-            write_results(place, list(found.values()))
-            on_result(outcome, done, total)
-
-        interrupted = False
-        try:
-            finish(
-                jobs,
-                executor,
-                workers=workers,
-                ray=ray,
-                resources=Resources(**config.resources),
-                known=known,
-                on_outcome=tell,
+        former = place / _FORMER
+        noted = (load_yaml(former.read_text("utf-8")) or {}) if former.is_file() else {}
+        for job in jobs:  # which a former version may have begun
+            if job.name in noted and job.folder.is_dir() and not job.settings_file.is_file():
+                write_yaml(job.settings_file, noted[job.name])
+        if not (former.is_file() or (place / RESULTS).is_file() or is_empty(place)):
+            raise RunError(
+                f"Folder '{place}' is not empty and no sweep: expected a new or empty one."
             )
-        except KeyboardInterrupt:
-            interrupted = True
-        write_results(place, list(found.values()))
-    return SweepResult(folder=place, runs=tuple(found.values()), interrupted=interrupted)
+        return train_all(
+            place,
+            jobs,
+            on_result,
+            lambda runs: write_results(place, runs),
+            executor=executor,
+            workers=workers,
+            ray=ray,
+            resources=Resources(**config.resources),
+        )
 
 
 def sweep_status(config: SweepConfig, folder: str | os.PathLike[str]) -> list[Outcome]:
     """Return how far each run of a sweep is, also while it is running."""
-    return status(jobs_of(config, shared_folder(folder)))
-
-
-def jobs_of(config: SweepConfig, place: Path) -> list[TrainingJob]:
-    """Return the runs of a sweep in its folder."""
-    return [
-        training(
-            f"{cell}/seed_{seed}",
-            place / cell / f"seed_{seed}",
-            run,
-            episodes=config.episodes,
-            checkpoint_every=config.checkpoint_every,
-        )
-        for (cell, seed), run in config.runs().items()
-    ]
+    return status(config.jobs(shared_folder(folder)))
 
 
 def write_results(place: Path, runs: Sequence[Outcome]) -> None:
@@ -125,25 +185,9 @@ def write_results(place: Path, runs: Sequence[Outcome]) -> None:
     names: dict[str, Any] = {}
     for run in runs:
         cell, _, seed = run.job.name.rpartition("/seed_")
-        row = {"cell": cell, "seed": seed, "state": run.state}
-        steps = (run.job.progress() or (0,))[0]
         metrics = (run.result or {}).get("metrics", {})
+        steps = (run.job.progress() or (0,))[0]
+        row = {"cell": cell, "seed": seed, "state": run.state, "steps": steps}
+        rows.append({**row, "reason": run.reason, "folder": run.job.folder, **metrics})
         names |= metrics
-        rows.append(
-            {**row, "steps": steps, "reason": run.reason, "folder": run.job.folder, **metrics}
-        )
-    columns = ("cell", "seed", "state", "steps", *names, "reason", "folder")
-    write_csv(place / RESULTS, columns, rows)
-
-
-def _begin(place: Path, jobs: Sequence[TrainingJob]) -> None:
-    """Begin a folder, or go on in that of a sweep, which may be of a former version."""
-    former = place / _FORMER
-    if former.is_file():
-        noted = load_yaml(former.read_text("utf-8")) or {}
-        for job in jobs:
-            if job.name in noted and job.folder.is_dir() and not job.settings_file.is_file():
-                write_yaml(job.settings_file, noted[job.name])
-    elif not (place / RESULTS).is_file() and not is_empty(place):
-        raise RunError(f"Folder '{place}' is not empty and no sweep: expected a new or empty one.")
-    write_results(place, status(jobs))
+    write_csv(place / RESULTS, ("cell", "seed", "state", "steps", *names, "reason", "folder"), rows)

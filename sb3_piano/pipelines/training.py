@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 from stable_baselines3.common.callbacks import BaseCallback
 
+from sb3_piano.callbacks import Checkpoint, Condition, MetricEvalCallback
 from sb3_piano.callbacks.checkpoint import CHECKPOINT_FILE, DEFAULT_EVERY
+from sb3_piano.callbacks.own_env import with_nested
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import read_json, write_json, write_yaml
-from sb3_piano.jobs import Job
+from sb3_piano.jobs import Job, Outcome, finish, status
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
 _ENDED = "ended.json"
 """Where a run notes that a callback has ended its training before all steps were done."""
 
-_EVALUATION = "evaluation/metrics.json"
+_EVALUATIONS = "evaluations.json"
+"""Where a run keeps the evaluations in its training."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingEvaluation:
+    """Evaluation in a training: after how many steps, and each metric's mean over episodes."""
+
+    num_timesteps: int
+    metrics: Mapping[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +42,8 @@ class TrainingJob(Job):
 
     config: RunConfig
     """Its settings, with a seed."""
+    until: Condition | None = None
+    """Condition that ends it before all its steps."""
 
     def begin(self) -> None:
         """Note the settings in a new folder, or compare them; see :meth:`Job.begin`."""
@@ -40,6 +55,68 @@ class TrainingJob(Job):
         """Return how many environment steps are done, and how many were asked for."""
         return steps_of(self.folder), self.config.n_timesteps
 
+    def evaluations(self, until: int | None = None) -> tuple[TrainingEvaluation, ...]:
+        """Return the evaluations in its training, of its first ``until`` steps or all.
+
+        Raises:
+            RunError: If the file is damaged.
+        """
+        again = "delete it: the run is then evaluated anew."
+        kind = dict[str, tuple[TrainingEvaluation, ...]]
+        found = (read_json(self.folder / _EVALUATIONS, kind, again) or {}).get("evaluations", ())
+        return tuple(one for one in found if until is None or one.num_timesteps <= until)
+
+    def is_met(self, evaluations: Iterable[TrainingEvaluation]) -> bool:
+        """Return whether evaluations meet its condition."""
+        return self.until is not None and self.until.is_met([one.metrics for one in evaluations])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """What a sweep or a curriculum came to."""
+
+    folder: Path
+    """Its folder."""
+    runs: tuple[Outcome, ...]
+    """Each run, in the order of the grid or of the stages."""
+    interrupted: bool = False
+    """Whether Ctrl-C or SIGTERM ended it early."""
+    had_finished: bool = False
+    """Whether there was nothing left to do."""
+
+
+def train_all(
+    folder: Path,
+    jobs: Sequence[TrainingJob],
+    on_result: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
+    note: Callable[[Sequence[Outcome]], object] = lambda runs: None,
+    **options: Any,
+) -> Trained:
+    """Finish jobs, see :func:`~sb3_piano.jobs.finish`; ``note`` is called with all at each change.
+
+    An interruption is told in the result.
+    """
+    known = status(jobs)
+    runs = {one.job.name: one for one in known}
+
+    def tell(outcome: Outcome, done: int, total: int) -> None:
+        runs[outcome.job.name] = outcome
+        note(list(runs.values()))
+        on_result(outcome, done, total)
+
+    note(known)
+    interrupted = False
+    try:
+        finish(jobs, known=known, on_outcome=tell, **options)
+    except KeyboardInterrupt:
+        interrupted = True
+    return Trained(
+        folder=folder,
+        runs=tuple(runs.values()),
+        interrupted=interrupted,
+        had_finished=all(one.result is not None for one in known),
+    )
+
 
 def training(
     name: str,
@@ -47,22 +124,28 @@ def training(
     config: RunConfig,
     *,
     episodes: int = 1,
+    until: Condition | None = None,
     checkpoint_every: int = DEFAULT_EVERY,
     progress_bar: bool = False,
+    settings: Mapping[str, Any] | None = None,
     needs: Sequence[str] = (),
 ) -> TrainingJob:
     """Return the job of a run that is to be trained and evaluated.
 
-    Its result has ``num_timesteps``, ``started_at`` (what the last attempt began with) and
-    ``metrics``, means over the episodes that the trained model plays.
+    Its result has ``num_timesteps``, ``started_at`` (what the last attempt began with),
+    ``ended_by`` (``budget``, ``condition`` or ``callback``) and ``metrics``, means over the
+    episodes that the trained model plays.
 
     Args:
         name: What it is called.
         folder: The run's folder.
         config: The run's settings, with a seed.
         episodes: Episodes of each of its pieces that the trained model plays.
+        until: Condition that ends it before all its steps; evaluations are those of the config's
+            callbacks.
         checkpoint_every: Environment steps between two checkpoints.
         progress_bar: Whether to show a bar of the steps.
+        settings: What the folder notes of the job; by default the run's settings.
         needs: Names of the jobs that have to be done before, such as of the run it starts from.
     """
     options = {"checkpoint_every": checkpoint_every, "progress_bar": progress_bar}
@@ -70,10 +153,11 @@ def training(
         name=name,
         folder=Path(folder).absolute(),
         work=_train_and_evaluate,
-        settings=config.to_mapping(),
+        settings=config.to_mapping() if settings is None else settings,
         needs=tuple(needs),
         options={"episodes": episodes, **options},
         config=config,
+        until=until,
     )
 
 
@@ -82,23 +166,29 @@ def _train_and_evaluate(job: TrainingJob) -> Mapping[str, Any]:
     episodes, total = options.pop("episodes"), job.config.n_timesteps
     started_at = steps = steps_of(job.folder)
     over = {"num_timesteps": steps, "n_timesteps": total}
-    if steps < total and _read(job.folder / _ENDED) != over:
-        steps, _ = train_to_end(job.folder, job.config, (), **options)
+    if steps and job.is_met(job.evaluations(steps)):  # by a process that was killed before
+        saved = Checkpoint.read(RunFolder(job.folder).checkpoint_dir)
+        assert saved is not None, "it has steps"
+        saved.copy_model(job.folder / "checkpoint", RunFolder(job.folder).model_file)
+    elif _read(job.folder / _ENDED) != over:
+        steps = train_to_end(job.folder, job.config, [_EndWhenMet(job)], **options)
         if steps < total:
             write_json(job.folder / _ENDED, {"num_timesteps": steps, "n_timesteps": total})
-    metrics = known_metrics(job.folder, job.config, steps, episodes)
-    if metrics is None:
-        found = evaluate(job.folder, episodes)
-        if found.interrupted:
-            raise KeyboardInterrupt
-        metrics = found.mean
-    return {"num_timesteps": steps, "started_at": started_at, "metrics": metrics}
+    met = job.is_met(job.evaluations(steps))
+    ended_by = "condition" if met else "budget" if steps >= total else "callback"
+    ended = {"num_timesteps": steps, "started_at": started_at, "ended_by": ended_by}
+    if not episodes:
+        return ended
+    judged = evaluate(job.folder, episodes)
+    if judged.interrupted:
+        raise KeyboardInterrupt
+    return {**ended, "metrics": judged.mean}
 
 
 def train_to_end(
     folder: Path, config: RunConfig, callbacks: Sequence[BaseCallback], **options: Any
-) -> tuple[int, bool]:
-    """Train a run, or the rest of it; return its steps, and whether a callback ended it.
+) -> int:
+    """Train a run, or the rest of it; return its steps, fewer where a callback has ended it.
 
     Raises:
         KeyboardInterrupt: If it was interrupted; a checkpoint is saved.
@@ -109,29 +199,55 @@ def train_to_end(
         result = train(config, folder, callbacks=callbacks, **options)
     if result.interrupted:
         raise KeyboardInterrupt
-    return result.num_timesteps, result.num_timesteps < result.n_timesteps
+    return result.num_timesteps
+
+
+class _EndWhenMet(BaseCallback):
+    """Keep a training's evaluations in its folder; end it once they meet the job's condition.
+
+    They are those of the training's :class:`~sb3_piano.callbacks.MetricEvalCallback`.
+    """
+
+    def __init__(self, job: TrainingJob) -> None:
+        super().__init__()
+        self._job = job
+        self._evaluations: list[TrainingEvaluation] = []
+
+    def _on_training_start(self) -> None:
+        begun = self.num_timesteps > 0  # else it starts over
+        self._evaluations = [*self._job.evaluations(self.num_timesteps)] if begun else []
+        self._keep()
+        self._on_step()
+
+    def _on_step(self) -> bool:
+        last = self._evaluations[-1].num_timesteps if self._evaluations else -1
+        found: dict[int, dict[str, float]] = {}
+        for callback in with_nested([self.locals["callback"]]):
+            if isinstance(callback, MetricEvalCallback):
+                for number, steps in enumerate(callback.evaluated_at):
+                    if steps > last:
+                        found.setdefault(steps, {}).update(callback.means(number))
+        for steps, metrics in sorted(found.items()):
+            for name in self._job.until.thresholds if self._job.until is not None else ():
+                if name not in metrics:
+                    raise ConfigError(
+                        f"until asks for {name!r}, which the evaluations do not have, but "
+                        f"{', '.join(sorted(metrics))}: expected a metric that the piece has."
+                    )
+            self._evaluations.append(TrainingEvaluation(num_timesteps=steps, metrics=metrics))
+        if found:
+            self._keep()
+        return not self._job.is_met(self._evaluations)
+
+    def _keep(self) -> None:
+        noted = {"evaluations": list(map(dataclasses.asdict, self._evaluations))}
+        write_json(self._job.folder / _EVALUATIONS, noted)
 
 
 def steps_of(folder: Path) -> int:
     """Return the environment steps that a run's last checkpoint has done; 0 without one."""
     # The file alone: those that it names may just be replaced, by who trains.
     return int(_read(RunFolder(folder).checkpoint_dir / CHECKPOINT_FILE).get("num_timesteps", 0))
-
-
-def known_metrics(
-    folder: Path, config: RunConfig, steps: int, episodes: int
-) -> dict[str, float] | None:
-    """Return the means of an evaluation that a run's folder has, if it is what is asked for.
-
-    It has to be of so many steps, in the run's own physics, and of so many episodes of each piece.
-    """
-    found = _read(folder / _EVALUATION)
-    if not found or found["interrupted"] or found["num_timesteps"] != steps:
-        return None
-    if found["env_kwargs"].get("physics") != config.env_kwargs.get("physics"):
-        return None
-    enough = len(found["episodes"]) >= episodes * max(len(found.get("evaluations", ())), 1)
-    return dict(found["mean"]) if enough else None
 
 
 def _read(file: Path) -> dict[str, Any]:

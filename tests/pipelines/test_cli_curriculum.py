@@ -82,7 +82,7 @@ def test_an_interruption_says_how_to_go_on(capsys):
         ("--resume full --run other", "--run cannot be given with --resume"),
         ("--resume full --runs-dir other", "--runs-dir cannot be given with --resume"),
         ("tiny.yml --seed -1", "seed is -1: expected a whole number, 0 or more"),
-        ("wrong.yml", "'wrong.yml': Stage 1: Unknown key 'gama' of a stage. Did you mean 'gamma'"),
+        ("wrong.yml", "'wrong.yml': Unknown setting 'gama' of stage 1. Did you mean 'gamma'"),
     ],
 )
 def test_what_is_wrong_is_told_in_one_line(folder, capsys, command, message):

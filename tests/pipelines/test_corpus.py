@@ -20,7 +20,8 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.lab.distillation import DistillConfig, distill
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.library import Library
-from sb3_piano.pipelines import CorpusConfig, corpus_status, record_corpus, summary
+from sb3_piano.pipelines import CorpusConfig, record_corpus
+from sb3_piano.pipelines.corpus import corpus_status, summary
 from sb3_piano.pipelines.performances import open_player
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.training import PlannedConfig, RunFolder, clone

@@ -20,8 +20,8 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.jobs import Here, Job, status
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.pipelines import SweepConfig, load_sweep, sweep, sweep_status, training
-from sb3_piano.pipelines.sweep import jobs_of
+from sb3_piano.pipelines import SweepConfig, load_sweep, sweep, training
+from sb3_piano.pipelines.sweep import sweep_status
 from sb3_piano.training import resume
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
@@ -145,7 +145,7 @@ def test_the_file_is_named_when_a_setting_is_wrong(tmp_path):
 def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
     """One folder sees all: a run that had stopped, another one, results, a changed grid."""
     place = tmp_path / "sweep"
-    (job,) = jobs_of(SweepConfig(**SHORT), place)
+    (job,) = SweepConfig(**SHORT).jobs(place)
     # The run had stopped after its second checkpoint, and an older version had begun the sweep.
     shorter = dataclasses.replace(job.config, n_timesteps=120)
     Job.do(training("shorter", job.folder, shorter))
@@ -240,7 +240,7 @@ def test_an_evaluation_that_is_interrupted_leaves_its_cell_unfinished(
     monkeypatch.chdir(tmp_path)
     settings = {**SHORT["settings"], "env_wrapper": f"{__name__}.Stopped", "n_timesteps": 1}
     config = SweepConfig(**{**SHORT, "settings": settings, "episodes": 3})
-    (job,) = jobs_of(config, tmp_path / "sweep")
+    (job,) = config.jobs(tmp_path / "sweep")
     Path("ctrl-c").touch()
     with pytest.raises(KeyboardInterrupt):
         job.do()

@@ -96,7 +96,7 @@ def improve(
     folder = weights.with_suffix("")
     told = _Told(tell, weights.stem, config.improvements[number].n_timesteps)
     run = improvement_run(config, number, start, num_threads)
-    played, _ = train_to_end(folder, run, [told], progress_bar=False)
+    played = train_to_end(folder, run, [told], progress_bar=False)
     policy: Any = run.algorithm.load(RunFolder(folder).model_file, device="cpu").policy
     steps = HandModel.load(start).facts.num_timesteps + played * policy.n_hands // len(SIDES)
     with contextlib.closing(hands_env(config.playing.physics)) as env:

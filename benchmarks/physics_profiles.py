@@ -6,7 +6,7 @@
 The sight-reader plays generated excerpts of 12 s that it never saw, and the first 30 s of the
 pieces that judge a distillation, closed loop, in every profile. Differences are paired by excerpt.
 
-With ``--runs`` the last models of runs, or plans (``sb3-piano plan``), play, each its own piece. A
+With ``--runs`` the last models of runs play, each its own piece. A
 single episode jumps by some hundredths, so each of several has a small noise on its actions.
 Differences are paired by run, ± is their standard error.
 """
@@ -30,7 +30,7 @@ from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.simulation import PHYSICS_PROFILES
 from sb3_piano.threads import torch_computing
-from sb3_piano.training import SavedPlayer
+from sb3_piano.training import OpenPlayer
 from sb3_piano.wrappers import HandActions
 
 SEED = 77
@@ -68,7 +68,7 @@ def play(env: HandActions, model: HandModel, score: Score) -> list[float]:
 
 def play_run(run: str, physics: str) -> FloatArray:
     """Return F1, onset F1 and normalized return of each episode, and a control step's time, s."""
-    with SavedPlayer.open(run, physics=physics) as player:
+    with OpenPlayer.open(run, physics=physics) as player:
         piano, random = player.env, np.random.default_rng(SEED)
         step, times = piano.step, []
 

@@ -31,7 +31,6 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
@@ -40,28 +39,21 @@ from sb3_piano.exceptions import PlanWarning
 from sb3_piano.metrics.losses import ALL, DUE_KINDS, WRONG_KINDS, Losses
 from sb3_piano.music import BUILT_IN
 from sb3_piano.planning import forget_plans
-from sb3_piano.players import TreeSettings
-from sb3_piano.training.playing.player import env_to_record
-from sb3_piano.training.playing.takes import planner_config, take_of_planner
+from sb3_piano.training import OpenPlayer
+from sb3_piano.training.playing.player import stage_for
+from sb3_piano.training.playing.takes import played_take
 
-_REFINED = {"passes": 2}
-COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
-    "planned": ("planned", {}),
-    "sight-reader": ("sight-reader", {}),
-    "planned-tree": ("planned", {}),
-    "sight-reader-tree": ("sight-reader", {}),
-    "refined": ("planned", {"settings": _REFINED}),
-    "sampling-32": ("sampling", {"samples": 32, "n_threads": 1}),
-    "refined-32": ("sampling", {"samples": 32, "n_threads": 1, "plan_settings": _REFINED}),
-    "zero": (
-        "sampling",
-        {"nominal": "none", "samples": 16, "horizon": 12, "physics": "fast", "n_threads": 1},
-    ),
+COLUMNS: Mapping[str, str] = {
+    "planned": "planned",
+    "sight-reader": "sight-reader",
+    "planned-tree": "tree:64x8:planned",
+    "sight-reader-tree": "tree:64x8:sight-reader",
+    "refined": "planned:passes=2",
+    "sampling-32": "sampling:samples=32,n_threads=1",
+    "refined-32": "sampling:samples=32,n_threads=1,passes=2",
+    "zero": "sampling:nominal=none,samples=16,horizon=12,physics=fast,n_threads=1",
 }
-"""Who plays, by name: an algorithm and its arguments."""
-
-TREE = TreeSettings(simulations=64, depth=8)
-"""Shape of the trees."""
+"""Who plays, by name: specs of players."""
 
 UNSEEN = ("repertoire", "encore")
 """Collections whose pieces were not used to find constants, apart from those in ``SEEN``."""
@@ -79,25 +71,30 @@ Key = tuple[str, str]
 
 def measure(piece: str, column: str) -> dict[str, object]:
     """Return the row of a piece and a column."""
-    algo, arguments = COLUMNS[column]
-    config = planner_config(piece, algo, **arguments)
-    env_to_record(config).close()  # compiles the scene, once in a process
+    stage_for(piece).make().close()  # compiles the scene, once in a process
     forget_plans()  # of other columns, which were timed there
-    start = time.process_time()
+    start, clock = time.process_time(), [time.perf_counter()]
+
+    def on_step(done: int, total: int) -> None:
+        if done == 1:  # the plan was made before it
+            clock.append(time.perf_counter())
+
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PlanWarning)
-        played = take_of_planner(config, tree=TREE if column.endswith("-tree") else None)
+        with OpenPlayer.open(COLUMNS[column], score=piece) as player:
+            take, played = played_take(player, on_step)
+    clock.append(time.perf_counter())
     told = [str(warning.message) for warning in caught if warning.category is PlanWarning]
     return {
         "piece": piece,
         "column": column,
         **{name: f"{played.metrics[name]:.4f}" for name in METRICS},
-        "planning": f"{played.planning:.2f}",
-        "playing": f"{played.playing:.2f}",
+        "planning": f"{clock[1] - clock[0]:.2f}",
+        "playing": f"{clock[2] - clock[1]:.2f}",
         "cpu": f"{time.process_time() - start:.2f}",
-        "music": f"{played.take.performance.roll.duration:.2f}",
+        "music": f"{take.performance.roll.duration:.2f}",
         "problem": " ".join(dict.fromkeys(told)),
-        **losses(played.take.performance.losses()),
+        **losses(take.performance.losses()),
     }
 
 

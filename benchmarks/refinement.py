@@ -23,7 +23,7 @@ from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import BUILT_IN, load_score
 from sb3_piano.planning import PlannedPianist, Refinement
 from sb3_piano.planning.sampling import PredictiveSampling
-from sb3_piano.training.playing.takes import PLANNED_IN
+from sb3_piano.training.playing.player import PLANNED_IN
 
 REPERTOIRE = [name for name, piece in BUILT_IN.items() if piece.collection == "repertoire"]
 

@@ -18,7 +18,8 @@ import numpy as np
 from PIL import Image
 
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.training.playing.takes import planner_config, take_of_planner
+from sb3_piano.training import OpenPlayer
+from sb3_piano.training.playing.takes import played_take
 from sb3_piano.viewing import PerformanceRenderer, Picture, Take, View, moments, write_take
 
 PIECE, TITLE, SECONDS = "BachMinuetG", "Petzold: Minuet in G", 8.0
@@ -33,11 +34,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_midi(load_score(PIECE).excerpt(0.0, SECONDS), folder / f"{TITLE}.mid")
-        config = planner_config(str(folder / f"{TITLE}.mid"), "sampling", samples=32)
-        played = take_of_planner(config)
+        with OpenPlayer.open("sampling:samples=32", score=folder / f"{TITLE}.mid") as player:
+            take, played = played_take(player)
         print(f"F1 {played.metrics['f1']:.3f}, onset F1 {played.metrics['onset_f1']:.3f}")
-        write_animation(played.take, folder)
-    write_views(played.take)
+        write_animation(take, folder)
+    write_views(take)
 
 
 def write_animation(take: Take, folder: Path) -> None:

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.players import TreeSettings
-from sb3_piano.training.playing.takes import planner_config, take_of_planner
+from sb3_piano.training import OpenPlayer
+from sb3_piano.training.playing.takes import played_take
 from sb3_piano.viewing import Picture, View, write_take
 
 FOLDER = Path(__file__).with_name("gallery")
@@ -45,9 +46,8 @@ CLIPS = (
         name="maple_leaf_rag",
         piece="MapleLeafRag",
         title="Joplin: Maple Leaf Rag",
-        player="sight-reader",
+        player="tree:64x8:sight-reader",
         view="close",
-        tree=TreeSettings(simulations=64, depth=8),
     ),
     Clip(
         name="prelude_in_c",
@@ -66,9 +66,10 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as name:
             piece = Path(name, f"{clip.title}.mid")
             write_midi(load_score(clip.piece).excerpt(0.0, SECONDS), piece)
-            played = take_of_planner(planner_config(str(piece), clip.player), tree=clip.tree)
+            with OpenPlayer.open(clip.player, score=piece) as player:
+                take, played = played_take(player)
             picture = Picture(width=480, height=270, view=clip.view)
-            files = write_take(played.take, Path(name, clip.name), picture)
+            files = write_take(take, Path(name, clip.name), picture)
             if files.video is None:
                 raise SystemExit(f"No picture can be drawn here: {files.problem}")
             file = Path(shutil.copy(files.video, FOLDER))

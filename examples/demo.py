@@ -22,6 +22,7 @@ from rich.progress import Progress
 from sb3_piano.demonstrations import record
 from sb3_piano.exceptions import RunError, SB3PianoError
 from sb3_piano.music import load_score, write_midi
+from sb3_piano.players import PlayerSpec
 from sb3_piano.training import (
     clone,
     evaluate,
@@ -30,9 +31,7 @@ from sb3_piano.training import (
     train,
     write_report,
 )
-from sb3_piano.training.playing.player import env_to_record
-from sb3_piano.training.playing.takes import plan_run, planner_config
-from sb3_piano.training.runs.builders import build_planner
+from sb3_piano.training.playing.player import player_to_record, stage_for
 
 STEPS = 80_000
 EPISODES = 24
@@ -66,24 +65,23 @@ def main() -> int:
 
 def demo(piece: str, seconds: float, out: Path, seed: int, steps: int) -> Iterator[str]:
     """Yield the rows of the table, and at last where to look."""
-    if (out / "planned").exists():
+    if (out / "cloned").exists():
         raise RunError(f"'{out}' has the runs of a demo already: expected another --out.")
     out.mkdir(parents=True, exist_ok=True)
     score = load_score(piece)
     midi = out / "piece.mid"
     write_midi(score.excerpt(0, min(seconds, score.duration)), midi)
 
-    observed = {"observation": "hands"}
-    config = planner_config(str(midi.absolute()), seed=seed, env_kwargs=observed)
-    planned = plan_run(config, out / "planned")[0]
-    found = evaluate(planned.path)
+    stage = stage_for(str(midi.absolute()), observation="hands")
+    found = evaluate("planned", seed=seed, score=midi)
     yield "|         |    F1 | onset F1 |\n|---------|------:|---------:|"
     yield row("resting", found.baseline)
     yield row("planned", found.mean)
 
-    with contextlib.closing(env_to_record(config)) as env, bar("performances", EPISODES) as tell:
+    planned = player_to_record(PlayerSpec.parse("planned"), stage)
+    with planned as (player, env), bar("performances", EPISODES) as tell:
         record(
-            build_planner(config, env),
+            player,
             env,
             DATASET,
             episodes=EPISODES,

@@ -32,7 +32,7 @@ LINES = {
     "metrics": 1_100,
     "music": 8_760,
     "pipelines": 1_550,
-    "planning": 3_330,
+    "planning": 3_345,
     "players": 1_700,
     "policies": 1_580,
     "reading": 930,
@@ -54,7 +54,7 @@ LONG_WORK_LINES = 5_150
 TOTALS = {
     "core": {"lines": 47_590, "modules": 315, "names": 401},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 43_290},
+    "tests": {"lines": 43_300},
 }
 
 

@@ -31,7 +31,7 @@ def demo(tmp_path, monkeypatch, capsys):
 
 
 def test_a_folder_with_the_runs_of_a_demo_is_refused_and_stays_as_it_is(demo, tmp_path, capsys):
-    planned = tmp_path / "out" / "planned"
+    planned = tmp_path / "out" / "cloned"
     planned.mkdir(parents=True)
     (planned / "config.yml").write_text("algo: planned")
     (tmp_path / "out" / "piece.mid").write_text("that of the runs")
@@ -47,7 +47,6 @@ def test_without_steps_of_sac_it_ends_with_the_clone(demo, tmp_path):
     assert last.startswith("| cloned ")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "piece.mid",
-        "planned",
         "cloned",
     }
 

@@ -21,7 +21,6 @@ from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.files import write_json
-from sb3_piano.players import TreeSettings
 from sb3_piano.training import TrainResult, evaluate, load_config, resume, train
 
 HERE = Path(__file__).parent
@@ -80,9 +79,9 @@ def played(folder: Path, piece: str, tree: str | None, steps: int) -> list[float
     file = folder / "trees" / f"{piece}_{tree}.json"
     found: dict[str, Any] = json.loads(file.read_text("utf-8")) if file.is_file() else {}
     if found.get("num_timesteps") != steps:  # the training may have gone on since
-        shape = None if tree is None else TreeSettings.parse(tree)
+        player = str(folder) if tree is None else f"tree:{tree}:{folder}"
         file.parent.mkdir(exist_ok=True)
-        found = evaluate(folder, score=piece, tree=shape).to_json()
+        found = evaluate(player, score=piece).to_json()
         write_json(file, found)
     mean, seen = found["mean"], found["tree"] or dict.fromkeys(("deepest", "visit_share"))
     names = ("onset_f1", "f1", "effective_fingers", "return")

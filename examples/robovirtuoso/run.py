@@ -28,7 +28,7 @@ from sb3_piano.pipelines import training as training_job
 from sb3_piano.pipelines.training import TrainingJob
 from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
-from sb3_piano.training import PlannedConfig, RunFolder, evaluate_runs
+from sb3_piano.training import EnvSpec, RunFolder, evaluate_runs
 
 
 def main() -> int:
@@ -106,23 +106,21 @@ def judge(cell: Cell, folder: Path, steps: int) -> None:
 
 def judge_sight_reader(cell: Cell, folder: Path) -> None:
     """Evaluate the sight-reader on the unseen pieces, in the physics of a cell."""
-    config = PlannedConfig(
-        algo=SIGHT_READER,
-        env_id=GENERAL_ID,
-        seed=0,
-        env_kwargs={
-            "physics": cell.settings.env_kwargs["physics"],
-            "score": STUDY["unseen"][0],
-            "reduced_action_space": False,  # the sight-reader uses all joints
-        },
-    )
-    if not folder.is_dir():
-        RunFolder.create(config, folder)
-    evaluate(folder, STUDY["unseen"], HandModel.load(SHIPPED).facts.num_timesteps)
+    folder.mkdir(parents=True, exist_ok=True)
+    steps = HandModel.load(SHIPPED).facts.num_timesteps
+    options = {"physics": cell.settings.env_kwargs["physics"], "reduced_action_space": False}
+    env = EnvSpec(id=GENERAL_ID, options=options)
+    evaluate(folder, STUDY["unseen"], steps, SIGHT_READER, env=env)
 
 
-def evaluate(folder: Path, pieces: Sequence[str], steps: int) -> None:
-    """Evaluate a run on pieces, or its own one, and keep it as ``pieces.json``.
+def evaluate(
+    folder: Path,
+    pieces: Sequence[str],
+    steps: int,
+    player: str | None = None,
+    **options: Any,
+) -> None:
+    """Evaluate a run, or a player, on pieces, or its own one; keep it as ``pieces.json``.
 
     What is kept already counts if the model had been trained for as many steps.
     """
@@ -130,7 +128,7 @@ def evaluate(folder: Path, pieces: Sequence[str], steps: int) -> None:
     kept = json.loads(file.read_text("utf-8"))["evaluations"] if file.is_file() else []
     if kept and all(one["num_timesteps"] == steps for one in kept):
         return
-    found = evaluate_runs([folder], scores=pieces)
+    found = evaluate_runs([player or folder], scores=pieces, **options)
     if found.interrupted:
         raise KeyboardInterrupt
     if found.failures:

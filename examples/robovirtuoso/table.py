@@ -21,7 +21,7 @@ import yaml
 from cells import HERE, RUNS, SIGHT_READER, STUDY, Cell, find_cells
 
 from sb3_piano.files import write_text
-from sb3_piano.training import RunConfig, RunFolder
+from sb3_piano.training import RunFolder
 from sb3_piano.training.evaluation.statistics import summarize
 
 KEPT = HERE / "results.json"
@@ -64,9 +64,9 @@ def read_runs(runs: Path, *, only_whole: bool = False) -> Results:
     results: Results = {}
     for name in (*STUDY["cells"], SIGHT_READER):
         for file in sorted((runs / name).glob("*seed_*/pieces.json")):
-            config = RunFolder.open(file.parent).read_config()
             evaluations = json.loads(file.read_text(encoding="utf-8"))["evaluations"]
-            if only_whole and isinstance(config, RunConfig):
+            if only_whole and name != SIGHT_READER:
+                config = RunFolder.open(file.parent).read_config()
                 steps = Cell(name).settings.n_timesteps
                 judged = min(one["num_timesteps"] for one in evaluations)
                 if config.n_timesteps != steps or judged < steps:

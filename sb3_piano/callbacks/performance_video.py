@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import gymnasium as gym
-import numpy as np
 from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
@@ -22,6 +21,7 @@ from sb3_piano.callbacks.own_env import (
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.links import make_folder
+from sb3_piano.players.rollout import rollout
 from sb3_piano.settings import Positive, Unit, checked
 from sb3_piano.viewing import Picture, Take, View, write_take
 
@@ -114,15 +114,7 @@ class PerformanceVideoCallback(BaseCallback):
         assert self._env is not None, "a training is on"
         sync_normalization(self.model, self._env)
         with preserve_random_state(self.model, self._seed):
-            if self._seed is not None:
-                self._env.seed(self._seed)
-            observation: Any = self._env.reset()
-            self._recorder.finished.clear()
-            state, starts = None, np.ones(1, dtype=bool)
-            while not self._recorder.finished:
-                action, state = self.model.predict(observation, state, starts, deterministic=True)
-                observation, _, starts, _ = self._env.step(action)
-        recording = self._recorder.finished.pop()
+            recording = next(rollout(self.model, self._env, seed=self._seed))
         assert recording.performance is not None, "it is a piano"
         assert recording.motion is not None, "it is a piano"
         return Take.of(self._scene, recording.performance, recording.motion.qpos)

@@ -17,23 +17,20 @@ from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
     command,
-    env_options,
     progress_bar,
     refuse_options,
     tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.evaluate import evaluate_run
-from sb3_piano.cli.play import PLAYERS, WEIGHTS_HELP
+from sb3_piano.cli.play import PLAYER_HELP, player_spec, stage_of
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
     from sb3_piano.demonstrations import Recorded
-    from sb3_piano.demonstrations.recording import Predictor
-
-_OBSERVED = {"observation": "fingers", "fingering": "ergonomic"}
-"""Options of an environment that is made here unless given: little is observed, by finger."""
+    from sb3_piano.players import Player
+    from sb3_piano.training import EnvSpec
 
 _NOISE = [0.0, 0.03, 0.06, 0.1]
 """Standard deviations, rad, with which learners see how the planned pianist recovers: of a scale
@@ -64,8 +61,8 @@ def add_record_arguments(parser: Any) -> None:
     """Add the arguments of ``record``."""
     add = command(parser, _record, epilog=TRUST)
     add("what", "RUN|ENV_ID|PIECE", _WHAT)
-    add("--policy --player", text="who plays, of no run; default: planned", choices=PLAYERS)
-    add("--weights", "FILE", WEIGHTS_HELP)
+    add("--player --policy", "PLAYER", f"of no run; default: planned; {PLAYER_HELP}", dest="player")
+    add("--weights", "FILE", argparse.SUPPRESS)  # of former versions
     add("--out", "ID", "the data set's name; default: robopianist/PIECE/POLICY-v0")
     add("--overwrite", text="replace a data set of this name")
     add("--episodes", "N", "", whole_number, 24)
@@ -126,53 +123,46 @@ def _record(arguments: argparse.Namespace) -> int:
 @contextlib.contextmanager
 def _player(
     arguments: argparse.Namespace,
-) -> Iterator[tuple[Predictor, gym.Env[Any, Any], str]]:
+) -> Iterator[tuple[Player, gym.Env[Any, Any], str]]:
     """Give who plays, where, and what the data set is called by default."""
-    from sb3_piano.players import make_player
     from sb3_piano.training import RunFolder
-    from sb3_piano.training.playing.player import run_to_record, titles_of_copies
+    from sb3_piano.training.playing.player import player_to_record, titles_of_copies
 
     what = arguments.what
     if os.path.isdir(what):
         reason = f"with the run '{what}': its own model plays in its own environment."
-        refuse_options(arguments, ("set", "policy", "weights", "fingering"), reason)
-        with run_to_record(what, best=arguments.best, start=arguments.start) as found:
-            policy, env, config = found
-            piece = _piece_of(env)
-            piece = titles_of_copies(RunFolder(Path(what)), env).get(piece, piece)
-            yield policy, env, _default_id(piece, config.algo)
-        return
-    instead = "Expected a run's folder, or no --best."
-    refuse_options(arguments, ["best"], f"with {what!r}: only a run has models.", instead)
-    name = arguments.policy or PLAYERS[0]
-    if name != "sight-reader":
-        instead = "expected --player sight-reader, or no --weights."
-        refuse_options(arguments, ["weights"], f"to the player {name!r}:", instead)
-    model = {} if arguments.weights is None else {"model": arguments.weights}
-    with contextlib.closing(_new_env(arguments, name)) as env:
-        yield make_player(name, env, **model), env, _default_id(_piece_of(env), name)
+        refuse_options(arguments, ("set", "player", "weights", "fingering"), reason)
+        spec, stage = player_spec(arguments, what), None
+    else:
+        instead = "Expected a run's folder, or no --best."
+        refuse_options(arguments, ["best"], f"with {what!r}: only a run has models.", instead)
+        spec = player_spec(arguments, "planned")
+        stage = _stage(arguments, spec.name)
+    options = {"best": arguments.best, "start": arguments.start}
+    with player_to_record(spec, stage, **options) as (policy, env):
+        piece, name = _piece_of(env), spec.label
+        if spec.is_run:
+            run = RunFolder(Path(spec.name))
+            former = run.read_player()
+            name = run.read_config().algo if former is None else former[0].name
+            piece = titles_of_copies(run, env).get(piece, piece)
+        yield policy, env, _default_id(piece, name)
 
 
-def _new_env(arguments: argparse.Namespace, player: str) -> gym.Env[Any, Any]:
+def _stage(arguments: argparse.Namespace, player: str) -> EnvSpec:
     from sb3_piano.music import is_path
     from sb3_piano.music.fingering.apply import FINGERINGS
-    from sb3_piano.training import PlannedConfig
-    from sb3_piano.training.playing.player import env_to_record
-    from sb3_piano.training.playing.takes import where_played
 
-    env_id, options = where_played(arguments.what)
-    if "score" in options and is_path(options["score"]):
-        options["score"] = os.path.realpath(options["score"])  # the data set lies elsewhere
-    options |= _OBSERVED
+    options: dict[str, Any] = {"observation": "fingers", "fingering": "ergonomic"}
     if player == "sight-reader":  # which knows no other
         options["reduced_action_space"] = False
-    options |= env_options(arguments.set or ())
     if arguments.fingering is not None:
         options["fingering"] = arguments.fingering
         if arguments.fingering not in FINGERINGS:
             options["fingering"] = os.path.realpath(arguments.fingering)
-    config = PlannedConfig(algo=player, env_id=env_id, env_kwargs=options)
-    return env_to_record(config, arguments.start)
+    if is_path(arguments.what) and os.path.exists(arguments.what):
+        arguments.what = os.path.realpath(arguments.what)  # the data set lies elsewhere
+    return stage_of(arguments, defaults={}, **options)
 
 
 def _default_id(piece: str, policy: str) -> str:

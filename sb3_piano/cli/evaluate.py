@@ -57,7 +57,8 @@ def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _evaluate, epilog=TRUST)
     either = adder(parser.add_mutually_exclusive_group())
-    add("runs", "RUN", "a folder that train made; several are compared", nargs="+")
+    who = "a folder that train made, or another player, which needs --score; several are compared"
+    add("runs", "RUN|PLAYER", who, nargs="+")
     add("--episodes", "N", "of each seed", whole_number, 1)
     either("--seed", "N", "", int, 0)
     either("--seeds", "N", "several, in its place", int, nargs="+")
@@ -104,7 +105,9 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     from sb3_piano.settings import refuse_unknown
     from sb3_piano.training import evaluate_runs
 
-    tree = None if arguments.tree is None else TreeSettings.parse(arguments.tree)
+    players = arguments.runs
+    if arguments.tree is not None:
+        players = [f"tree:{TreeSettings.parse(arguments.tree)}:{run}" for run in players]
     refuse_unknown(arguments.metrics or [], DEFINITIONS, "metric")
     seeds, scores = arguments.seeds or [arguments.seed], arguments.score or []
     count = sum(len(scores) or _n_pieces(run) for run in arguments.runs)
@@ -112,13 +115,12 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     with progress_bar(arguments, "episodes") as tell:
         tell(total=count * arguments.episodes * len(seeds))
         found = evaluate_runs(
-            arguments.runs,
+            players,
             arguments.episodes,
             seeds,
             physics=arguments.physics,
             scores=scores,
             best=arguments.best,
-            tree=tree,
             motion=arguments.motion,
             on_episode=lambda: tell(advance=1),
         )

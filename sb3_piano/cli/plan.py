@@ -1,4 +1,4 @@
-"""``sb3-piano plan``: a run that plays without any training, refined in simulation or not."""
+"""``sb3-piano plan``: the plan of a piece in a file, refined in simulation or not."""
 
 from __future__ import annotations
 
@@ -6,40 +6,34 @@ import argparse
 import os
 import shlex
 import time
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from sb3_piano.cli.common import (
-    EXIT_OK,
     command,
-    env_options,
     progress_bar,
-    refuse_options,
     tell_interrupted,
+    whole_number,
 )
-from sb3_piano.cli.play import PLAYER_OPTIONS, add_player_arguments, player_config
+from sb3_piano.cli.play import SET_HELP, stage_of
 from sb3_piano.exceptions import ConfigError
 
-if TYPE_CHECKING:
-    from sb3_piano.training.runs.folder import RunFolder
-
-_SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
 _REFINE_HELP = (
-    "refine the plan in simulation for so long, on all cores; a run that was refined before goes "
-    "on. Ctrl-C ends it and keeps the best plan so far"
+    "refine the plan in simulation for so long, on all cores; a file that is there is gone on "
+    "with. Ctrl-C ends it and keeps the best plan so far"
 )
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of ``plan``."""
     add = command(parser, _plan)
-    what = "a file, such as MIDI, a piece by its name, an environment, or with --refine a run"
-    add("what", "PIECE|ENV_ID|RUN", what)
+    add("what", "PIECE|ENV_ID", "a file, such as MIDI, a piece by its name, or an environment")
     add("--refine", "MINUTES", _REFINE_HELP, _minutes)
-    add_player_arguments(add)
-    add("--seed", "N", "what --player sampling and --refine draw from; default: 0", int)
-    add("--set", "NAME=VALUE", _SET_HELP, action="append")
-    add("--runs-dir")
-    add("--out", "DIR", "the run's folder, in place of one in --runs-dir")
+    add("--passes", "N", "refine it by playing it N times", whole_number)
+    add("--seed", "N", "what refinement draws from", int, 0)
+    add("--parts", action="append")
+    add("--set", "NAME=VALUE", SET_HELP, action="append")
+    add("--out", "FILE.npz", "default: play/<title>-planned/plan.npz", Path)
     add("--no-progress")
 
 
@@ -54,55 +48,39 @@ def _minutes(text: str) -> float:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from sb3_piano.training.playing.takes import plan_run
-    from sb3_piano.training.runs.folder import RunFolder
+    from sb3_piano.interrupts import stop_on_signal
+    from sb3_piano.training.playing.takes import plan_file, write_plan
 
     if os.path.isdir(arguments.what):
-        if arguments.refine is None:
-            raise ConfigError(
-                f"'{arguments.what}' is a folder: expected a piece, or --refine MINUTES to refine "
-                "the plan of a run."
-            )
-        others = (*PLAYER_OPTIONS, "seed", "set", "runs_dir", "out")
-        refuse_options(arguments, others, f"with the run '{arguments.what}', which has its own.")
-        return _refine(RunFolder.open(arguments.what), arguments)
-    options = env_options(arguments.set or ())
-    config = player_config(arguments, arguments.seed or 0, options)
-    if arguments.refine is not None and config.algo != "planned":
         raise ConfigError(
-            f"--refine cannot be given to the player {config.algo!r}: expected none, which is the "
-            "planned one."
+            f"'{arguments.what}' is a folder: expected a piece or a file. A plan is a file now, "
+            "and 'sb3-piano plan PIECE --refine MINUTES --out FILE.npz' goes on with it."
         )
-    run, piece, seconds = plan_run(config, arguments.out, runs_dir=arguments.runs_dir or "runs")
-    path = shlex.quote(str(run.path))
-    print(f"{piece}: ready to play after {seconds:.1f} s, without any training")
-    print(f"Run:         {run.path}")
-    print(f"Evaluate:    sb3-piano evaluate {path}")
-    print(f"Watch:       sb3-piano play {path}")
-    return EXIT_OK if arguments.refine is None else _refine(run, arguments)
-
-
-def _refine(run: RunFolder, arguments: argparse.Namespace) -> int:
-    """Refine the plan of a run, and return the exit status."""
-    from sb3_piano.interrupts import stop_on_signal
-    from sb3_piano.training.playing.takes import refine_run
-
+    stage = stage_of(arguments)
     start = time.monotonic()
+    file = plan_file(stage) if arguments.out is None else arguments.out
+    limited = arguments.refine is not None and arguments.passes is None
     with progress_bar(arguments, "Refining") as tell, stop_on_signal() as request:
 
         def on_step(done: int, total: int, f1: float) -> None:
             tell(description=f"Refining, F1 {f1:.3f}", completed=done, total=total)
 
-        refined = refine_run(
-            run, minutes=arguments.refine, on_step=on_step, should_stop=lambda: request.made
+        made = write_plan(
+            stage,
+            file,
+            seed=arguments.seed,
+            minutes=arguments.refine,
+            passes=None if limited else arguments.passes or 0,
+            on_step=on_step,
+            should_stop=lambda: request.made,
         )
-    path = shlex.quote(str(run.path))
+    refined = f", F1 {made.before:.3f} before, {made.f1:.3f} after {made.passes} pass"
     print(
-        f"Refined:     F1 {refined.before:.3f} before, {refined.f1:.3f} after {refined.passes} "
-        f"pass{'es' * (refined.passes != 1)}, {time.monotonic() - start:.0f} s"
+        f"{made.piece}: planned in {time.monotonic() - start:.0f} s"
+        + (f"{refined}{'es' * (made.passes != 1)}" if made.passes else f", F1 {made.f1:.3f}")
     )
-    if refined.passes > 0:
-        print(f"Plan:        {run.plan_file}")
-        print(f"Go on:       sb3-piano plan {path} --refine MINUTES")
-    hint = f": the best plan so far is kept. To go on: sb3-piano plan {path} --refine MINUTES"
-    return tell_interrupted(request.made, hint=hint)
+    what, path = (shlex.quote(str(one)) for one in (arguments.what, file))
+    print(f"Plan:        {file}")
+    print(f"Watch:       sb3-piano play {what} --player planned:plan={path}")
+    print(f"Refine it:   sb3-piano plan {what} --out {path} --refine MINUTES")
+    return tell_interrupted(request.made, hint=": the best plan so far is kept.")

@@ -1,13 +1,12 @@
-"""``sb3-piano play`` and ``report``: what a model, a plan or a piece plays."""
+"""``sb3-piano play`` and ``report``: what a player makes of a piece."""
 
 from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
+import time
 import webbrowser
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from sb3_piano.cli.common import (
     Add,
     check_output_file,
     command,
+    env_options,
     progress_bar,
     refuse_options,
     tell_errors,
@@ -28,34 +28,18 @@ from sb3_piano.cli.losses import print_losses
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
-    from sb3_piano.training import PlannedConfig
+    from sb3_piano.music import Score
+    from sb3_piano.players import PlayerSpec
+    from sb3_piano.training import EnvSpec, OpenPlayer
     from sb3_piano.viewing import Picture, Take
 
-_OF_SAMPLING = ("nominal", "horizon")
-_PLANNED, _SAMPLING, _SIGHT_READER = PLAYERS = ("planned", "sampling", "sight-reader")
-"""What plays any piece at once, by the names of :data:`sb3_piano.players.PLAYERS`."""
 _SCORE = "score"
 """Stands for no player: the piece is heard as it is written, while the hands rest."""
-_TAKES = {
-    _PLANNED: ("passes", "plan"),
-    _SAMPLING: ("passes", "plan", "sampling", *_OF_SAMPLING),
-    _SIGHT_READER: ("weights",),
-}
-"""The options that each of them has, and no other."""
-PLAYER_OPTIONS = ("player", *_TAKES[_SAMPLING], "reduced", "weights")
-"""The options of :func:`add_player_arguments`, by the names of their values."""
-_PASSES_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
-_PLAN_HELP = "follow the plan of a file, such as the plan.npz of a run that 'plan --refine' made"
-_SAMPLING_HELP = "let predictive sampling try N ways on from each control step, and play the best"
-_PLAYER_HELP = (
-    "who plays the piece, untrained on it: planned hands, those with sampling, or a learned "
-    "network that plans nothing"
+PLAYER_HELP = (
+    "sight-reader (the default), planned, sampling:samples=32 or another with settings; the folder "
+    "of a run; a file of weights; tree:64x8: before one of these looks ahead"
 )
-_PLAYERS_HELP = f"{_PLAYER_HELP} (the default); or score: the keys go down by themselves"
-WEIGHTS_HELP = (
-    "of the sight-reader: another network than the package's, as a file, or a folder with a "
-    "hand.safetensors such as export writes"
-)
+SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
 VIEWS = ("stage", "close", "top", "roll")
 _VIEW_HELP = (
     "from behind the pianist with falling notes (the default), close to the hands and along with "
@@ -66,13 +50,14 @@ _VIEW_HELP = (
 def add_arguments(parser: Any) -> None:
     """Add the arguments of ``play``."""
     add = command(parser, _play, epilog=TRUST)
-    add("what", "RUN|PIECE", "a run's folder, or hf:OWNER/NAME of the Hub; or a piece or a file")
-    add("--planned", text="the same as --player planned, or sampling if --sampling is given")
-    add_player_arguments(add, (*PLAYERS, _SCORE), _PLAYERS_HELP)
+    add("what", "PIECE|RUN", "a piece or a file; or a run's folder, or hf:OWNER/NAME of the Hub")
+    add("--player", "PLAYER", f"who plays a piece: {PLAYER_HELP}; or score: nobody")
+    add_former_arguments(add)
     add("--out", "DIR", "default: RUN/play, or play/<title>-<player> for a piece")
     add("--score", "PIECE", "let the run's model play another piece")
     add("--parts", action="append")
-    add("--seed", "N", "seed of the run's environment; default: 0", int)
+    add("--set", "NAME=VALUE", f"{SET_HELP}; of no run", action="append")
+    add("--seed", "N", "seed of the environment and the player; default: 0", int)
     add("--physics")
     add("--best")
     add("--tree")
@@ -88,37 +73,96 @@ def add_arguments(parser: Any) -> None:
 def add_report_arguments(parser: Any) -> None:
     """Add the arguments of ``report``."""
     add = command(parser, _report, epilog=TRUST)
-    add("what", "RUN|PIECE", "a run's folder; or a file, such as MIDI, or a piece")
-    default = "default: RUN/evaluation/report.html, or play/<title>/piano_roll.html"
+    add("what", "PIECE|RUN", "a run's folder; or a file, such as MIDI, or a piece")
+    add("--player", "PLAYER", "let a player play the piece, as for play; default: its notes alone")
+    default = "default: report.html or piano_roll.html in the folder of the run, or of the piece"
     add("--out", "FILE.html", default, Path)
-    add("--seed", "N", "of a run; default: 0", int)
+    add("--seed", "N", "of the environment and the player; default: 0", int, 0)
     add("--physics")
     add("--best")
-    add("--3d", text="show a run's performance in three dimensions, too", dest="replay")
+    add("--3d", text="show the performance in three dimensions, too", dest="replay")
     add("--open", text="open it in the web browser")
 
 
-def add_player_arguments(
-    add: Add, players: Sequence[str] = PLAYERS, text: str = _PLAYER_HELP
-) -> None:
-    """Add what ``plan`` and ``play --player`` take: who plays, and with which joints."""
-    add("--player", text=text, choices=players)
-    add("--passes", "N", _PASSES_HELP, whole_number)
-    add("--plan", "FILE", _PLAN_HELP)
-    add("--sampling", "N", _SAMPLING_HELP, whole_number)
-    nominal = "what these ways change: plan (default), or none for sampling from zero"
-    add("--nominal", "WHAT", nominal)
-    add("--horizon", "H", "control steps that sampling looks ahead", whole_number)
-    add("--reduced", text="the reduced action space, not all joints; not of the sight-reader")
-    add("--weights", "FILE", WEIGHTS_HELP)
+_FORMER = {"passes": "passes", "plan": "plan", "nominal": "nominal", "horizon": "horizon"}
+_FORMER |= {"sampling": "samples", "weights": "model"}
+"""Options of former versions, and the settings of players that they stand for."""
+
+
+def add_former_arguments(add: Add) -> None:
+    """Add options of former versions, which are settings of ``--player`` now."""
+    hidden = {"text": argparse.SUPPRESS}
+    add("--planned", **hidden)
+    add("--reduced", **hidden)
+    for name in ("passes", "sampling", "horizon"):
+        add(f"--{name}", "N", kind=whole_number, **hidden)
+    for name in ("plan", "nominal", "weights"):
+        add(f"--{name}", "X", **hidden)
+
+
+def player_spec(arguments: argparse.Namespace, default: str = "sight-reader") -> PlayerSpec:
+    """Return who plays by the arguments: ``--player``, ``--tree`` and those of former versions.
+
+    Raises:
+        ConfigError: If there is no such player, or it has no such setting.
+    """
+    from sb3_piano.players import PlayerSpec, TreeSettings
+
+    given = {new: getattr(arguments, old, None) for old, new in _FORMER.items()}
+    given = {name: value for name, value in given.items() if value is not None}
+    if getattr(arguments, "planned", False) or given.keys() - {"model"}:
+        default = "sampling" if "samples" in given else "planned"
+    spec = PlayerSpec.parse(arguments.player or default)
+    if given:
+        spec = replace(spec, arguments={**spec.arguments, **given})
+    tree = getattr(arguments, "tree", None)
+    return spec if tree is None else replace(spec, tree=TreeSettings.parse(tree))
+
+
+def stage_of(arguments: argparse.Namespace, **options: Any) -> EnvSpec:
+    """Return where a player plays by the arguments; ``options`` are as of ``stage_for``.
+
+    Raises:
+        ConfigError: If there is no such file, or an option is not valid.
+        ScoreError: If the file has no such parts.
+    """
+    from sb3_piano.music import load_score
+    from sb3_piano.training.playing.player import stage_for
+
+    _check_piece(arguments.what)
+    parts = getattr(arguments, "parts", None)
+    options |= env_options(arguments.set or ())
+    if parts:
+        options["score"] = asdict(load_score(arguments.what, parts))
+    if getattr(arguments, "reduced", False):
+        options["reduced_action_space"] = True
+    if getattr(arguments, "physics", None) is not None:
+        options["physics"] = arguments.physics
+    return stage_for(arguments.what, **options)
+
+
+def _check_piece(what: str) -> None:
+    from sb3_piano.music import is_path
+
+    if is_path(what) and not os.path.exists(what):
+        raise ConfigError(
+            f"Nothing to play: there is no {what!r}. Expected the folder of a run, a file such as "
+            "a MIDI file, or the name of a piece (see 'sb3-piano pieces list')."
+        )
+    run = Path(what).parent
+    if Path(what).is_file() and (run / "config.yml").is_file():
+        raise ConfigError(f"{what!r} is a file of a run: expected its folder, {str(run)!r}.")
 
 
 def play_run(run: str, arguments: argparse.Namespace) -> int:
     """Let a run's model play, write what there is to see and hear, and return the exit status."""
-    from sb3_piano.training.playing.takes import default_folder, take_of_run
+    from sb3_piano.training import OpenPlayer
+    from sb3_piano.training.playing.takes import default_folder, take_of
     from sb3_piano.viewing import DEFAULT_PICTURE
 
-    return _write(take_of_run(run), default_folder(run, None), DEFAULT_PICTURE, arguments)
+    with OpenPlayer.open(run) as player:
+        take, folder = take_of(player), default_folder(player, None)
+    return _write(take, folder, DEFAULT_PICTURE, arguments)
 
 
 def _play(arguments: argparse.Namespace) -> int:
@@ -185,7 +229,7 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 
 
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
-    """Let the run or the piece play; return that, and the folder that it belongs into."""
+    """Let a player play; return that, and the folder that it belongs into."""
     from sb3_piano.music import load_score
     from sb3_piano.training.playing.takes import default_folder, take_of_score
     from sb3_piano.training.sharing.hub import exported_folder, is_on_hub
@@ -193,156 +237,96 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     if is_on_hub(arguments.what):
         place = default_folder(None, None) / arguments.what.rpartition("/")[2]
         arguments.what, arguments.out = exported_folder(arguments.what), arguments.out or place
+    if arguments.player == _SCORE:
+        others = ("planned", *_FORMER, "reduced", "score", "seed", "best", "tree", "set")
+        refuse_options(arguments, others, f"with --player {_SCORE}: nobody plays.")
+        _check_piece(arguments.what)
+        written = load_score(arguments.what, arguments.parts or ())
+        take = take_of_score(written, physics=arguments.physics or "reference")
+        return take, default_folder(None, written)
+    opened, score = _opened(arguments)
+    with opened as player:
+        return _played(player, arguments), default_folder(player, score)
+
+
+def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
+    """Return who plays, and the piece if it is another than a run's own."""
+    from sb3_piano.music import load_score
+    from sb3_piano.training import OpenPlayer
+
+    options: dict[str, Any] = {"seed": arguments.seed or 0, "best": arguments.best}
     if os.path.isdir(arguments.what):
-        return _take_of_run(arguments)
-    if arguments.player != _SCORE:
-        _check_piece(arguments, "score", "best")
-        if not arguments.planned and arguments.player is None:
-            arguments.player = _SIGHT_READER
-        return _played_take(arguments)
-    _check_piece(arguments, "score", "seed", "best", "tree")
-    others = [name for name in PLAYER_OPTIONS if name != "player"]
-    refuse_options(arguments, ("planned", *others), f"with --player {_SCORE}: nobody plays.")
-    score = load_score(arguments.what, arguments.parts or ())
-    take = take_of_score(score, physics=arguments.physics or "reference")
-    return take, default_folder(None, score)
+        reason = f"with the run '{arguments.what}': its own model plays."
+        others = ("player", "planned", *_FORMER, "reduced", "set")
+        refuse_options(arguments, others, reason, "Expected a piece.")
+        score = None
+        if arguments.score is None:
+            refuse_options(arguments, ("parts",), "without --score:", "Expected a file there.")
+        else:
+            score = load_score(arguments.score, arguments.parts or ())
+        spec = player_spec(arguments, str(arguments.what))
+        return OpenPlayer.open(spec, physics=arguments.physics, score=score, **options), score
+    refuse_options(arguments, ("score",), f"with a piece, which {arguments.what!r} is.")
+    spec = player_spec(arguments)
+    if spec.is_run:
+        refuse_options(arguments, ("set",), f"with the run '{spec.name}', which has its own.")
+        _check_piece(arguments.what)
+        score = load_score(arguments.what, arguments.parts or ())
+        return OpenPlayer.open(spec, physics=arguments.physics, score=score, **options), score
+    return OpenPlayer.open(spec, stage_of(arguments), **options), None
 
 
-def _take_of_run(arguments: argparse.Namespace) -> tuple[Take, Path]:
-    """Let a run's model play; return that, and the folder that it belongs into."""
-    from sb3_piano.music import load_score
-    from sb3_piano.players import TreeSettings
-    from sb3_piano.training.playing.takes import default_folder, take_of_run
+def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:
+    """Let a player play, and say who it was and how well."""
+    from sb3_piano.training.playing.takes import played_take
 
-    what = arguments.what
-    reason = f"with the run '{what}': its own model plays."
-    refuse_options(arguments, ("planned", *PLAYER_OPTIONS), reason, "Expected a piece.")
-    score = None
-    if arguments.score is None:
-        refuse_options(arguments, ("parts",), "without --score:", "Expected a file there.")
-    else:
-        score = load_score(arguments.score, arguments.parts or ())
-    take = take_of_run(
-        what,
-        seed=arguments.seed or 0,
-        physics=arguments.physics,
-        score=score,
-        best=arguments.best,
-        tree=None if arguments.tree is None else TreeSettings.parse(arguments.tree),
-    )
-    return take, default_folder(what, score)
-
-
-def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
-    from sb3_piano.music import is_path
-
-    what = arguments.what
-    if is_path(what) and not os.path.exists(what):
-        raise ConfigError(
-            f"Nothing to play: there is no {what!r}. Expected the folder of a run, a file such as "
-            "a MIDI file, or the name of a piece (see 'sb3-piano pieces list')."
-        )
-    run = Path(what).parent
-    if Path(what).is_file() and (run / "config.yml").is_file():
-        raise ConfigError(f"{what!r} is a file of a run: expected its folder, {str(run)!r}.")
-    refuse_options(arguments, of_runs, f"with a piece, which {what!r} is.")
-
-
-def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
-    """Let a player play a piece, say how well, and return that and the folder for it."""
-    from sb3_piano.music import load_score
-    from sb3_piano.players import TreeSettings
-    from sb3_piano.training.playing.takes import default_folder, take_of_planner
-
-    physics = arguments.physics
-    options: dict[str, Any] = {} if physics is None else {"physics": physics}
-    if arguments.parts:
-        options["score"] = asdict(load_score(arguments.what, arguments.parts))
-    config = player_config(arguments, arguments.seed or 0, options)
-    reads = config.algo == _SIGHT_READER
+    reads = player.spec.name == "sight-reader"
+    began = times = time.perf_counter()
     with progress_bar(arguments, "Reading" if reads else "Planning") as tell:
 
         def on_step(done: int, total: int) -> None:
-            tell(**({"description": "Playing", "completed": done, "total": total} if done else {}))
+            nonlocal times
+            times = time.perf_counter() if done == 1 else times
+            tell(description="Playing", completed=done, total=total)
 
-        tree = None if arguments.tree is None else TreeSettings.parse(arguments.tree)
-        played = take_of_planner(config, on_step, tree=tree)
-    metrics, roll = played.metrics, played.take.performance.roll
+        take, recording = played_take(player, on_step)
+    if player.run is not None:
+        return take
+    metrics = recording.metrics
     print(
-        f"F1 {metrics['f1']:.3f} (precision {metrics['precision']:.3f}, recall "
+        f"{player.spec}: F1 {metrics['f1']:.3f} (precision {metrics['precision']:.3f}, recall "
         f"{metrics['recall']:.3f}; playing nothing {metrics['noop_f1']:.3f}), onset F1 "
         f"{metrics['onset_f1']:.3f}"
     )
-    done = "Read" if reads else "Planned"
     print(
-        f"{done} in {played.planning:.1f} s, {roll.duration:.1f} s of music "
-        f"played in {played.playing:.1f} s"
+        f"{'Read' if reads else 'Planned'} in {times - began:.1f} s, "
+        f"{take.performance.roll.duration:.1f} s of music played in "
+        f"{time.perf_counter() - times:.1f} s"
     )
-    folder = default_folder(None, played.score)
-    by = config.algo if arguments.tree is None else f"{config.algo}-tree"
-    return played.take, folder.with_name(f"{folder.name}-{by}")
-
-
-def player_config(
-    arguments: argparse.Namespace, seed: int, options: dict[str, Any]
-) -> PlannedConfig:
-    """Return the settings of the player that the arguments stand for."""
-    from sb3_piano.training.playing.takes import planner_config
-
-    player = _player(arguments)
-    if arguments.reduced:
-        options["reduced_action_space"] = True
-    if player == _SIGHT_READER:
-        weights = {} if arguments.weights is None else {"model": arguments.weights}
-        return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **weights)
-    given = {name: getattr(arguments, name) for name in ("plan", *_OF_SAMPLING)}
-    if arguments.nominal == "none":
-        refuse_options(arguments, ["passes", "plan"], "with --nominal none: no plan is followed.")
-    if arguments.plan is not None:
-        refuse_options(arguments, ["passes"], "with --plan: that plan is followed as it is.")
-    plan = None if arguments.passes is None else {"passes": arguments.passes}
-    given["settings" if player == _PLANNED else "plan_settings"] = plan
-    given["samples"] = arguments.sampling
-    given = {name: value for name, value in given.items() if value is not None}
-    return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **given)
-
-
-def _player(arguments: argparse.Namespace) -> str:
-    """Return who plays, without options of others."""
-    named = arguments.player
-    if named is not None and hasattr(arguments, "planned"):
-        refuse_options(arguments, ["planned"], f"with --player {named}:", "expected one of them.")
-    player: str = named or (_PLANNED if arguments.sampling is None else _SAMPLING)
-    if named is None and player == _PLANNED:
-        reason = "without --sampling: a plan is followed as it is."
-        refuse_options(arguments, _OF_SAMPLING, reason, "Expected --sampling N, too.")
-    for other, taken in _TAKES.items():
-        instead = f"expected --player {other}, or none of its options."
-        foreign = [name for name in taken if name not in _TAKES[player]]
-        refuse_options(arguments, foreign, f"to the player {player!r}:", instead)
-    return player
+    return take
 
 
 def _report(arguments: argparse.Namespace) -> int:
     from sb3_piano.training import write_piece_report, write_report
 
     check_output_file("--out", arguments.out)
-    if os.path.isdir(arguments.what):
+    is_run = os.path.isdir(arguments.what)
+    if is_run or arguments.player is not None:
+        if is_run:
+            refuse_options(arguments, ["player"], f"with the run '{arguments.what}', which plays.")
         path = write_report(
-            arguments.what,
+            arguments.what if is_run else arguments.player,
             arguments.out,
-            seed=arguments.seed or 0,
+            seed=arguments.seed,
             physics=arguments.physics,
+            score=None if is_run else arguments.what,
             best=arguments.best,
             replay=arguments.replay,
         )
     else:
-        _check_piece(arguments, "seed", "physics", "best")
-        if arguments.replay:
-            raise ConfigError(
-                "--3d shows how a run plays: expected a run's folder, not a piece. "
-                f"'sb3-piano plan {shlex.quote(arguments.what)}' makes one."
-            )
+        _check_piece(arguments.what)
+        of_players = ("physics", "best", "replay")
+        refuse_options(arguments, of_players, "without --player:", "expected one, or a run.")
         path = write_piece_report(arguments.what, arguments.out)
     print(f"Report: {path}")
     if arguments.open and not webbrowser.open(path.resolve().as_uri()):

@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 import sb3_piano
@@ -21,7 +20,7 @@ from sb3_piano.envs.episode_end import final_info
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.planning import PianoPolicy
+from sb3_piano.players.rollout import Player, Transition, rollout
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.simulation.engine import mujoco
 
@@ -30,19 +29,6 @@ if TYPE_CHECKING:
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
 Env = gym.Env[Any, Any]
-
-
-class Predictor(Protocol):
-    """Player: a model of Stable-Baselines3, a planned pianist, or anything with its method."""
-
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: npt.NDArray[np.bool_] | None = None,
-        deterministic: bool = False,
-    ) -> tuple[Any, Any]:
-        """Return what to play next, and the state for the next call."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +44,7 @@ class Recorded:
 
 
 def record(
-    policy: Predictor,
+    policy: Player,
     env: Env,
     dataset_id: str,
     *,
@@ -116,8 +102,6 @@ def record(
         try:
             for number, episode_seed in enumerate(seeds):
                 turn = number % len(noise)
-                if isinstance(policy, PianoPolicy):
-                    policy.set_random_seed(episode_seed)
                 episode, found = play_episode(policy, env, episode_seed, noises[turn])
                 found = {"noise": float(noise[turn]), **found}
                 with ctrl_c_deferred():  # which would leave an episode without its notes
@@ -171,7 +155,7 @@ def _evaluation_env(spec: EnvSpec | None) -> dict[str, str]:
 
 
 def play_episode(
-    policy: Predictor,
+    policy: Player,
     env: Env,
     seed: int,
     noise: ActuatorNoise | None = None,
@@ -182,69 +166,50 @@ def play_episode(
     Args:
         policy: What plays.
         env: The environment.
-        seed: Seeds the environment and the noise.
+        seed: Seeds the environment, the policy and the noise.
         noise: What is added to the actions.
         options: Options of the environment's ``reset``, such as the score.
     """
-    return as_episode(_steps(policy, env, seed, noise, options), env, seed)
+    random, space = np.random.default_rng(seed), env.action_space
+
+    def disturb(observation: Any, label: Any) -> Any:
+        del observation
+        assert noise is not None, "it is called for noise alone"
+        assert isinstance(space, gym.spaces.Box), "actions of a piano"
+        return np.clip(label + noise.sample(random), space.low, space.high).astype(space.dtype)
+
+    if noise is not None:
+        noise.restart()
+    played: list[Transition] = []
+    disturbing = None if noise is None else disturb
+    steps = rollout(
+        policy, env, seed=seed, options=options, disturb=disturbing, on_step=played.append
+    )
+    next(steps)
+    return as_episode(played, env, seed)
 
 
 def as_episode(
-    steps: Iterable[tuple[Any, ...]], env: Env, seed: int
+    played: Sequence[Transition], env: Env, seed: int
 ) -> tuple[EpisodeBuffer, dict[str, float]]:
-    """Return what was played as Minari has it, and notes on it: ``return`` and music metrics.
-
-    Steps are observation, action, label, reward, termination and info of each, and last the
-    observation in which it ended, with anything.
-    """
+    """Return an episode as Minari has it, and notes on it: ``return`` and music metrics."""
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
-    played = list(steps)
-    observations, actions, labels, rewards, ends, infos = zip(*played[:-1], strict=True)
-    kind, info = env.action_space.dtype, final_info(infos[-1])
-    asked = np.array([*labels, labels[-1]], dtype=kind)
+    kind, info = env.action_space.dtype, final_info(played[-1].info)
+    asked = np.array([*(one.label for one in played), played[-1].label], dtype=kind)
     if asked.dtype.kind == "f":
         asked[-1] = np.nan  # in the last state nothing is played any more
+    rewards = np.array([one.reward for one in played], dtype=np.float64)
     truncations = np.zeros(len(rewards), dtype=bool)
-    truncations[-1] = not ends[-1]
+    truncations[-1] = not played[-1].terminated
     episode = EpisodeBuffer(
         seed=seed,
-        observations=np.array([*observations, played[-1][0]]),
-        actions=np.array(actions, dtype=kind),
-        rewards=np.array(rewards, dtype=np.float64),
-        terminations=np.array(ends, dtype=bool),
+        observations=np.array([*(one.observation for one in played), played[-1].after]),
+        actions=np.array([one.action for one in played], dtype=kind),
+        rewards=rewards,
+        terminations=np.array([one.terminated for one in played], dtype=bool),
         truncations=truncations,
         infos={EXPERT_ACTION: asked},
     )
     metrics = {name: float(info[name]) for name in EPISODE_METRICS if name in info}
-    return episode, {"return": float(sum(rewards)), **metrics}
-
-
-def _steps(
-    policy: Predictor,
-    env: Env,
-    seed: int,
-    noise: ActuatorNoise | None,
-    options: dict[str, Any] | None,
-) -> Iterator[tuple[Any, ...]]:
-    """Yield observation, action, label, reward, termination and info of each step.
-
-    The last one has the last observation alone.
-    """
-    random, space = np.random.default_rng(seed), env.action_space
-    if noise is not None:
-        noise.restart()
-    observation, _ = env.reset(seed=seed, options=options)
-    state, start, over = None, np.ones(1, dtype=bool), False
-    while not over:
-        label, state = policy.predict(observation, state, start, deterministic=True)
-        action = label
-        if noise is not None:
-            assert isinstance(space, gym.spaces.Box), "actions of a piano"
-            disturbed = label + noise.sample(random)
-            action = np.clip(disturbed, space.low, space.high).astype(space.dtype)
-        before = np.array(observation)
-        observation, reward, terminated, truncated, info = env.step(action)
-        over, start = terminated or truncated, np.zeros(1, dtype=bool)
-        yield before, action, label, float(reward), terminated, info
-    yield np.array(observation), None, None, 0.0, False, {}
+    return episode, {"return": float(sum(rewards.tolist())), **metrics}

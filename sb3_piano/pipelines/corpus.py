@@ -31,8 +31,9 @@ from sb3_piano.links import make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import digest
 from sb3_piano.music.library import Library
-from sb3_piano.pipelines.corpus_settings import CorpusConfig, Player
+from sb3_piano.pipelines.corpus_settings import CorpusConfig
 from sb3_piano.pipelines.performances import CorpusJob, open_player
+from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.training.configuration.env_spec import BASE
 from sb3_piano.training.runs.folder import RunFolder
@@ -176,11 +177,11 @@ def _inputs(config: CorpusConfig) -> dict[str, str]:
     notes = {name: digest(library.score(name)) for name in config.pieces if name in imported}
     files = [Path(name) for name in config.pieces if name not in imported]
     for text in config.players:
-        player = Player.of(text)
+        player = PlayerSpec.parse(text)
         if player.is_run:
             files += files_of_a_run(RunFolder.open(player.name))
-        elif "model" in player.arguments:
-            files.append(_network_file(player.arguments["model"]))
+        elif player.file is not None:
+            files.append(_network_file(player.file))
     return notes | {str(file): file_digest(file) for file in files if os.path.isfile(file)}
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, MinLen
@@ -15,10 +14,9 @@ from pydantic import BeforeValidator
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score, load_score, select_pieces
-from sb3_piano.players import PLAYERS
+from sb3_piano.players import PlayerSpec
 from sb3_piano.settings import Count, Index, Listed, NotNegative, Number, Positive, Unit, settings
 from sb3_piano.training.configuration.values import plain
-from sb3_piano.training.configuration.yaml_files import parse_yaml
 
 DEFAULT_NOISE = (0.0, 0.03, 0.06, 0.1)
 """Standard deviations, rad, with which learners see how a planned pianist recovers."""
@@ -50,8 +48,7 @@ class CorpusConfig:
     pieces: Annotated[tuple[str, ...], BeforeValidator(_pieces)]
     """Entries of :func:`~sb3_piano.music.select_pieces`."""
     players: Annotated[tuple[str, ...], MinLen(1), Listed] = ("planned",)
-    """Names of players with their settings, such as ``sampling:samples=32``, see
-    :class:`Player`, or folders of runs."""
+    """Specs of players, see :class:`~sb3_piano.players.PlayerSpec`."""
     excerpts: Count | None = None
     """How many excerpts are drawn, from the pieces in turns; by default one of each piece."""
     seconds: Positive | None = None
@@ -79,7 +76,7 @@ class CorpusConfig:
 
     def __post_init__(self) -> None:
         for player in self.players:
-            Player.of(player)
+            PlayerSpec.parse(player)
 
     def __len__(self) -> int:
         """Return the number of performances."""
@@ -136,45 +133,3 @@ class Performed:
     """Standard deviation of the noise, rad."""
     seed: int
     """Seed of the environment, the player and the noise."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Player:
-    """A player as settings name it: ``NAME``, ``NAME:SETTING=VALUE,...`` or a run's folder."""
-
-    name: str
-    """One of :data:`~sb3_piano.players.PLAYERS`, or a run's folder."""
-    arguments: Mapping[str, Any]
-    """Its settings; of ``planned`` those of a :class:`~sb3_piano.planning.PlanSettings`, of others
-    the arguments of their class."""
-
-    @classmethod
-    def of(cls, text: str) -> Self:
-        """Return the player that a text stands for.
-
-        Raises:
-            ConfigError: If there is none.
-        """
-        if os.path.isdir(text):
-            return cls(name=text, arguments={})
-        name, _, rest = text.partition(":")
-        if name not in PLAYERS:
-            raise ConfigError(
-                f"player is {text!r}: expected one of {', '.join(PLAYERS)}, with settings as in "
-                "sampling:samples=32, or the folder of a run."
-            )
-        arguments = {}
-        for setting in filter(None, rest.split(",")):
-            key, equals, value = setting.partition("=")
-            if not (key and equals):
-                raise ConfigError(f"player is {text!r}: expected NAME:SETTING=VALUE,...")
-            try:
-                arguments[key] = parse_yaml(value)
-            except ConfigError as error:
-                raise ConfigError(f"player is {text!r}: {error}") from error
-        return cls(name=name, arguments=arguments)
-
-    @property
-    def is_run(self) -> bool:
-        """Whether it is a run."""
-        return self.name not in PLAYERS

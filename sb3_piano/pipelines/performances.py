@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import warnings
@@ -16,27 +17,21 @@ import gymnasium as gym
 import numpy as np
 
 from sb3_piano.demonstrations.disturbances import ActuatorNoise
-from sb3_piano.demonstrations.recording import Predictor, play_episode
+from sb3_piano.demonstrations.recording import play_episode
 from sb3_piano.demonstrations.shards import Notes, Play, ShardJob
-from sb3_piano.envs import GENERAL_ID, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning
-from sb3_piano.layers import layers
-from sb3_piano.pipelines.corpus_settings import CorpusConfig, Player
-from sb3_piano.planning import PianoPolicy
+from sb3_piano.pipelines.corpus_settings import CorpusConfig
+from sb3_piano.players import Player, PlayerSpec
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.config import PlannedConfig
 from sb3_piano.training.configuration.plugins import Plugin
-from sb3_piano.training.playing.player import env_to_record, run_to_record
-from sb3_piano.training.playing.takes import PLANNED_IN
-from sb3_piano.training.runs.builders import build_planner
-from sb3_piano.wrappers import HandActions
+from sb3_piano.training.playing.player import player_to_record, stage_for
 
 if TYPE_CHECKING:
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
 Env = gym.Env[Any, Any]
 
-_OBSERVED: Mapping[str, Any] = {**PLANNED_IN, "observation": "fingers"}
 _BY_HAND = {"observation": "hands", "reduced_action_space": False}
 
 
@@ -97,8 +92,6 @@ class CorpusJob(ShardJob):
                 noise = (
                     ActuatorNoise(env, what.noise, self.config.noise_memory) if what.noise else None
                 )
-                if isinstance(policy, PianoPolicy | _ByHand):
-                    policy.set_random_seed(what.seed)
                 episode, notes = play_episode(policy, env, what.seed, noise, {"score": what.score})
                 facts = {"performance": float(number), "seed": float(what.seed)}
                 names = {"piece": what.piece, "title": what.score.title, "player": what.player}
@@ -108,64 +101,28 @@ class CorpusJob(ShardJob):
 
 
 @contextlib.contextmanager
-def open_player(config: CorpusConfig, name: str) -> Iterator[tuple[Predictor, Env]]:
+def open_player(config: CorpusConfig, name: str) -> Iterator[tuple[Player, Env]]:
     """Give a player and where it plays, as long as the block lasts.
 
     Raises:
         ConfigError: If it cannot play there.
         RunError: If a run cannot be loaded.
     """
-    player = Player.of(name)
-    if player.is_run:
-        with run_to_record(player.name, start=config.start) as (policy, env, _):
-            _check_piece_can_be_given(env, player.name)
-            yield policy, env
-        return
-    settings = _planner_config(config, player)
-    with contextlib.closing(env_to_record(settings, config.start)) as env:
-        hands = next((layer for layer in layers(env) if isinstance(layer, HandActions)), None)
-        if hands is None or player.name == "sight-reader":  # which knows the actions of hands
-            yield build_planner(settings, env), env
-        else:
-            yield _ByHand(build_planner(settings, hands.env), hands), env
-
-
-def _planner_config(config: CorpusConfig, player: Player) -> PlannedConfig:
-    arguments = dict(player.arguments)
-    if player.name == "planned" and arguments:
-        arguments = {"settings": arguments}
-    if player.name == "sampling":
-        arguments = {"n_threads": 1, **arguments}  # one process a core
-    options = {**_OBSERVED, "physics": "fast", **config.env_kwargs}
+    spec = PlayerSpec.parse(name)
+    if spec.name == "sampling":
+        one_core = {"n_threads": 1, **spec.arguments}  # as each process has
+        spec = dataclasses.replace(spec, arguments=one_core)
+    options = {"observation": "fingers", "physics": "fast", **config.env_kwargs}
     if config.by_hand:
         options |= _BY_HAND
-    wrapper = (Plugin(path="sb3_piano.wrappers.HandActions"),) if config.by_hand else ()
-    return PlannedConfig(
-        algo=player.name,
-        env_id=GENERAL_ID,
-        env_kwargs={**options, "score": config.pieces[0]},
-        env_wrapper=wrapper,
-        algorithm_kwargs=arguments,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _ByHand:
-    """What plays the piano's own actions, in an environment with those of hands."""
-
-    player: PianoPolicy
-    env: HandActions
-
-    def set_random_seed(self, seed: int) -> None:
-        """Seed the player."""
-        self.player.set_random_seed(seed)
-
-    def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Any, Any]:
-        """Return the hands' action that commands what the player does, within their reach."""
-        action, state = self.player.predict(observation, *arguments, **named)
-        piano = self.env.unwrapped
-        assert isinstance(piano, PianoEnv), "HandActions is around a piano"
-        return self.env.action_for(piano.action_map.controls(action)[0]), state
+    stage = stage_for(config.pieces[0], **options)
+    if config.by_hand:
+        acting = Plugin(path="sb3_piano.wrappers.HandActions")
+        stage = dataclasses.replace(stage, wrappers=(acting,))
+    with player_to_record(spec, stage, start=config.start) as (player, env):
+        if spec.is_run:
+            _check_piece_can_be_given(env, spec.name)
+        yield player, env
 
 
 def _check_piece_can_be_given(env: Env, run: str) -> None:

@@ -80,6 +80,19 @@ def save_plan(
     )
 
 
+def settings_of_plan(path: str | os.PathLike[str]) -> PlanSettings:
+    """Return the settings with which the plan of a file was made.
+
+    Raises:
+        ConfigError: If the file cannot be read.
+    """
+    try:
+        header = read_arrays(path, ["header"], _MOST_OF_HEADER)["header"]
+        return PlanSettings(**json.loads(header.tobytes())["settings"])
+    except Exception as error:  # a damaged file fails in any way
+        raise ConfigError(f"'{path}' cannot be read ({one_line(error)}): {_EXPECTED}.") from error
+
+
 def load_plan(path: str | os.PathLike[str], roll: PianoRoll, scene: PianoScene) -> Plan:
     """Return the plan of a file.
 

@@ -136,6 +136,10 @@ class PianoPolicy(ABC):
         """Begin anew with what is drawn at random, if anything is."""
         del seed
 
+    def reset(self, seed: int) -> None:
+        """Begin a roll-out: what is drawn at random comes from its seed."""
+        self.set_random_seed(seed)
+
     @abstractmethod
     def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the action of one environment.

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.players.hand_model import HandFacts, HandModel
 from sb3_piano.players.making import PLAYERS, make_player, player_class
 from sb3_piano.players.residual import CORRECTED, PlayerResidual
+from sb3_piano.players.rollout import Player, Transition, rollout
 from sb3_piano.players.sight_reader import SightReader
+from sb3_piano.players.spec import PlayerSpec
 from sb3_piano.players.tree import TreeSettings
 
 if TYPE_CHECKING:
@@ -22,12 +24,16 @@ __all__ = [
     "PLAYERS",
     "HandFacts",
     "HandModel",
+    "Player",
     "PlayerResidual",
+    "PlayerSpec",
     "SightReader",
+    "Transition",
     "TreeSearch",
     "TreeSettings",
     "make_player",
     "player_class",
+    "rollout",
 ]
 
 

@@ -168,6 +168,17 @@ class HandModel:
         content = safetensors.numpy.save(self.tensors, {"format": FORMAT, **facts})
         write_bytes(Path(path), in_order(content))
 
+    def predict(
+        self,
+        observation: npt.NDArray[np.floating],
+        state: Any = None,
+        episode_start: npt.NDArray[np.bool_] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[Float32Array, Any]:
+        """Return :meth:`act`, as a player of environments that show ``hands`` and act by hand."""
+        del episode_start, deterministic
+        return self.act(observation), state
+
     def act(self, observation: npt.NDArray[np.floating]) -> Float32Array:
         """Return the action of the h hands that are there, (h k,) in [-1, 1].
 

@@ -1,8 +1,8 @@
 """Training runs: YAML to environments, model and files; resuming and evaluating them."""
 
-from sb3_piano.training.configuration.config import PlannedConfig, RunConfig
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import EnvSpec
-from sb3_piano.training.configuration.names import ALGORITHMS, KNOWN_PACKAGES, PLANNERS
+from sb3_piano.training.configuration.names import ALGORITHMS, KNOWN_PACKAGES
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import (
     entry_config,
@@ -17,7 +17,7 @@ from sb3_piano.training.evaluation.report import (
     write_piece_report,
     write_report,
 )
-from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.playing.player import OpenPlayer, SavedPlayer
 from sb3_piano.training.playing.residual import RunResidual
 from sb3_piano.training.playing.takes import play_run, play_score
 from sb3_piano.training.runs.clone import CloneResult, clone
@@ -33,15 +33,14 @@ __all__ = [
     "ALGORITHMS",
     "KNOWN_PACKAGES",
     "MAIN_METRICS",
-    "PLANNERS",
     "CloneResult",
     "Comparison",
     "EnvSpec",
     "Evaluation",
     "Evaluations",
     "ExportedFolder",
+    "OpenPlayer",
     "Picture",
-    "PlannedConfig",
     "Played",
     "Plugin",
     "RunConfig",

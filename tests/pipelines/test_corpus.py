@@ -24,7 +24,7 @@ from sb3_piano.pipelines import CorpusConfig, record_corpus
 from sb3_piano.pipelines.corpus import corpus_status, summary
 from sb3_piano.pipelines.performances import open_player
 from sb3_piano.players.hand_model import SHIPPED
-from sb3_piano.training import PlannedConfig, RunFolder, clone
+from sb3_piano.training import clone
 
 SETTINGS = {
     "pieces": ("FurElise", "scale-CMajor"),
@@ -163,24 +163,17 @@ def test_another_piece_of_an_imported_name_is_refused(executor, tmp_path, monkey
         record_corpus(config, tmp_path / "corpus", executor=executor)
 
 
-def test_another_network_of_a_run_that_plays_is_refused(executor, tmp_path):
+def test_another_network_of_a_player_is_refused(executor, tmp_path):
     write_midi(load_score("scale-CMajor").excerpt(0, 0.5), tmp_path / "a.mid")
     shutil.copyfile(SHIPPED, tmp_path / "net.safetensors")
-    options = {"model": str(tmp_path / "net.safetensors")}
-    in_env = {"score": str(tmp_path / "a.mid"), "reduced_action_space": False}
-    played = PlannedConfig(
-        algo="sight-reader",
-        env_id="RoboPianist-v0",
-        env_kwargs=in_env,
-        algorithm_kwargs=options,
-    )
-    run = RunFolder.create(played, tmp_path / "run")
-    config = CorpusConfig(pieces=in_env["score"], players=(str(run.path),), episodes=1)
+    network = tmp_path / "net.safetensors"
+    players = (f"sight-reader:model={network}",)
+    config = CorpusConfig(pieces=str(tmp_path / "a.mid"), players=players, episodes=1)
     record_corpus(config, tmp_path / "corpus", executor=executor)
-    content = bytearray(run.hand_file.read_bytes())
+    content = bytearray(network.read_bytes())
     content[-1] ^= 1
-    run.hand_file.write_bytes(content)
-    with pytest.raises(RunError, match=r"has files\..*hand.safetensors \w{64}, not"):
+    network.write_bytes(content)
+    with pytest.raises(RunError, match=r"has files\..*net.safetensors \w{64}, not"):
         record_corpus(config, tmp_path / "corpus", executor=executor)
 
 
@@ -192,7 +185,7 @@ def test_other_settings_in_its_folder_are_refused(corpus):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"players": ("nobody",)}, "player is 'nobody': expected one of planned"),
+        ({"players": ("nobody",)}, "There is no player or folder 'nobody'"),
         ({"players": ("sampling:samples",)}, "expected NAME:SETTING=VALUE"),
         ({"players": ("sampling:samples=[1",)}, r"player is 'sampling:samples=\[1': "),
         ({"pieces": "studies"}, "No collection is called so either"),

@@ -1,18 +1,15 @@
 """The sight-reader on the command line, with the network of a run."""
 
 import json
-import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from sb3_piano.cli import main
-from sb3_piano.cli.play import PLAYERS as ON_COMMAND_LINE
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.players import PLAYERS, HandModel, SightReader
-from sb3_piano.training import RunConfig, RunFolder, SavedPlayer
+from sb3_piano.players import HandModel
+from sb3_piano.training import OpenPlayer, RunConfig, RunFolder
 from sb3_piano.training.playing.player import write_player
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
@@ -64,19 +61,16 @@ def test_the_network_of_a_shared_run_plays_another_piece_by_every_command(shared
     assert main(play) == 0
     assert "Read in 0." in capsys.readouterr().out
     assert Path("play/tune-sight-reader/performance.wav").is_file()
-    assert main(["plan", "tune.mid", *weights, *FAST, "--out", "plan"]) == 0
-    tensors = HandModel.load(shared).tensors
-    shutil.rmtree(shared)  # the plan keeps the network
-    shutil.move("plan", "moved")
-    with SavedPlayer.open("moved") as player:
-        assert isinstance(player.model, SightReader)
-        found = player.model.model.tensors
-    assert found.keys() == tensors.keys()
-    for name, tensor in found.items():
-        np.testing.assert_array_equal(tensor, tensors[name])
-    assert main(["evaluate", "moved"]) == 0
-    assert main(["report", "moved"]) == 0
-    assert main(["compare", "moved", "moved", "--metric", "f1", "--json", "c.json"]) == 0
+    file = shared / "hand.safetensors"
+    for player in (f"sight-reader:model={shared}", str(file)):
+        with OpenPlayer.open(player, score="tune.mid", physics="fast") as opened:
+            found = opened.model.model.tensors
+            assert found.keys() == HandModel.load(file).tensors.keys()
+            assert opened.play()[0].metrics["length"] > 0
+    command = ["evaluate", str(file), "--score", "tune.mid", "--physics", "fast", "--json"]
+    assert main([*command, "a.json"]) == main([*command, "b.json"]) == 0
+    assert main(["report", "tune.mid", "--player", str(file), "--physics", "fast"]) == 0
+    assert main(["compare", "a.json", "b.json", "--metric", "f1", "--json", "c.json"]) == 0
     [pair] = json.loads(Path("c.json").read_text())["metrics"]["f1"]["pairs"]
     assert (pair["piece"], pair["difference"]) == ("tune", 0.0)
 
@@ -95,17 +89,18 @@ def test_the_network_that_is_shipped_plays_and_is_recorded(capsys):
         ("play tune.mid --weights x", "'x' cannot be read"),
         (
             "play tune.mid --planned --weights x",
-            "--weights cannot be given to the player 'planned'",
+            "Unknown setting 'model' of the player 'planned'",
         ),
         (
             "play tune.mid --player sight-reader --sampling 2",
-            "--sampling cannot be given to the player 'sight-reader': expected --player sampling",
+            "Unknown setting 'samples' of the player 'sight-reader'",
         ),
-        ("play tune.mid --player sight-reader --planned", "cannot be given with --player"),
+        ("play tune.mid --player nobody", "There is no player or folder 'nobody'"),
+        ("play tune.mid --player runs/none", "There is no folder 'runs/none'"),
+        ("evaluate sight-reader", "has nothing to play: expected a piece"),
         ("play tune.mid --player sight-reader --reduced", "was trained for a number of actuators"),
         ("play tune.mid --player sight-reader --weights no", "'no' cannot be read"),
-        ("plan tune.mid --player planned --horizon 2", "expected --player sampling"),
-        ("record tune.mid --weights x", "--weights cannot be given to the player 'planned'"),
+        ("record tune.mid --weights x", "Unknown setting 'model' of the player 'planned'"),
         ("train --algo sight-reader --midi tune.mid", "is not trained, it plays at once"),
     ],
 )
@@ -114,7 +109,3 @@ def test_an_error_is_one_line(command, message, capsys):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
-
-
-def test_every_player_can_be_named():
-    assert tuple(PLAYERS) == ON_COMMAND_LINE

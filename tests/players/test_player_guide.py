@@ -17,7 +17,6 @@ from sb3_piano.players import SightReader, TreeSearch, TreeSettings
 from sb3_piano.players.guides import PlayerGuide
 from sb3_piano.players.tree_search import PianoWorld, moment_of
 from sb3_piano.training import evaluate
-from sb3_piano.training.playing.takes import plan_run, planner_config
 from sb3_piano.wrappers import Excerpt, HandActions
 
 TUNE = score_of((0.1, 0.4, 60, 0), (0.1, 0.4, 48, 9), (0.4, 0.8, 64, 2), title="tune")
@@ -160,12 +159,11 @@ def test_runs_of_players_and_pieces_look_ahead_too(tmp_path, capsys, monkeypatch
     monkeypatch.chdir(tmp_path)
     write_midi(TUNE, "tune.mid")
     options = {"physics": "fast"}
-    run, *_ = plan_run(planner_config("tune.mid", "sight-reader", env_kwargs=options), "run")
-    found = evaluate(run.path, tree=TreeSettings(simulations=3, depth=2))
+    found = evaluate("tree:3x2:sight-reader", score="tune.mid", **options)
     assert found.algo == "sight-reader, tree 3x2"
     assert found.tree.children == 2
     arguments = ["play", "tune.mid", "--tree", "2x1"]
     assert main([*arguments, "--physics", "fast", "--no-video", "--no-progress"]) == 0
     assert (tmp_path / "play").iterdir().__next__().name.endswith("-sight-reader-tree")
     assert main([*arguments, "--player", "score"]) == 2
-    assert "--tree cannot be given with a piece" in capsys.readouterr().err
+    assert "--tree cannot be given with --player score" in capsys.readouterr().err

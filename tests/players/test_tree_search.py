@@ -13,7 +13,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.players import PlayerResidual, TreeSearch, TreeSettings
 from sb3_piano.players.tree_search import PianoWorld, moment_of
-from sb3_piano.training import SavedPlayer, evaluate, load_config, play_run, train
+from sb3_piano.training import OpenPlayer, evaluate, load_config, play_run, train
 from sb3_piano.wrappers import HandActions, HandReward, PreviousActionReward
 
 TUNE = score_of((0.1, 0.4, 60, 0), (0.4, 0.7, 62, 1), (0.7, 0.9, 60, 0), title="tune")
@@ -252,7 +252,8 @@ def test_a_run_is_evaluated_and_played_with_a_tree(run, tmp_path):
     plain = evaluate(run)
     files = sorted(path.name for path in (run / "evaluation").iterdir())
     written = (run / "evaluation" / "metrics.json").read_text()
-    found = evaluate(run, tree=SMALL)
+    looking = f"tree:{SMALL}:{run}"
+    found = evaluate(looking)
     assert found.algo == "sac, tree 9x4"
     assert found.tree is not None
     assert found.tree.children == 3
@@ -262,7 +263,7 @@ def test_a_run_is_evaluated_and_played_with_a_tree(run, tmp_path):
     # The run's own evaluation is that of its model.
     assert sorted(path.name for path in (run / "evaluation").iterdir()) == files
     assert (run / "evaluation" / "metrics.json").read_text() == written
-    assert evaluate(run, tree=SMALL).mean == found.mean
-    assert play_run(run, tmp_path, tree=SMALL, picture=None).wav.is_file()
-    with SavedPlayer.open(run, tree=SMALL) as player:
+    assert evaluate(looking).mean == found.mean
+    assert play_run(looking, tmp_path, picture=None).wav.is_file()
+    with OpenPlayer.open(looking) as player:
         assert player.play()[0].metrics["return"] == found.mean["return"]

@@ -197,7 +197,9 @@ def test_a_run_that_fails_leaves_the_others_and_an_exit_code(pendulum_run, call,
     pendulum_run("one")
     code, out, err = call("evaluate nix one --json all.json")
     assert code == 2
-    assert err.startswith("sb3-piano: error: Run 'nix' was not evaluated: There is no folder")
+    assert err.startswith(
+        "sb3-piano: error: Run 'nix' was not evaluated: There is no player or folder"
+    )
     assert err.count("\n") == 1
     assert [row[0] for row in rows_of(out)] == ["Pendulum-v1", "one"]
     assert "Everything:  all.json\n" in out

@@ -16,8 +16,9 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.planning import PlannedPianist
-from sb3_piano.training import RunFolder, SavedPlayer, clone, evaluate, resume
-from sb3_piano.training.playing.player import run_to_record
+from sb3_piano.players import PlayerSpec
+from sb3_piano.training import OpenPlayer, RunFolder, clone, evaluate, resume
+from sb3_piano.training.playing.player import player_to_record
 
 PENDULUM = "robopianist/Pendulum-v1/td3-v0"
 QUICK = {"epochs": 2, "net_arch": [8], "seed": 0}
@@ -104,7 +105,7 @@ def test_a_run_is_recorded_with_its_wrappers_and_normalisation(pendulum_run):
     observations = [again.reset(seed=notes["seed"])[0]]
     observations += [again.step(action)[0] for action in episode.actions]
     np.testing.assert_array_equal(observations, episode.observations)
-    with SavedPlayer.open(folder.path) as player:
+    with OpenPlayer.open(folder.path) as player:
         shown = player._venv.normalize_obs(episode.observations[:-1])
         right = player.model.predict(shown, deterministic=True)[0]
         raw = player.model.predict(episode.observations[:-1], deterministic=True)[0]
@@ -114,7 +115,7 @@ def test_a_run_is_recorded_with_its_wrappers_and_normalisation(pendulum_run):
 
 def test_what_a_run_cannot_be_told_is_refused(pendulum_run, capsys):
     folder = str(pendulum_run().path)
-    for option in (["--policy", "planned"], ["--fingering", "keep"], ["--set", "physics=fast"]):
+    for option in (["--player", "planned"], ["--fingering", "keep"], ["--set", "physics=fast"]):
         assert main(["record", folder, *option]) == 2
         assert f"{option[0]} cannot be given with the run" in capsys.readouterr().err
     assert main(["record", folder, "--best", "f1"]) == 2
@@ -126,7 +127,7 @@ def test_a_run_with_wrappers_around_its_vector_is_not_recorded(pendulum_run):
     folder = pendulum_run(vec_env_wrapper=stack)
     with (
         pytest.raises(ConfigError, match="VecFrameStack around the vector"),
-        run_to_record(folder.path),
+        player_to_record(PlayerSpec.parse(folder.path)),
     ):
         pass
 
@@ -201,7 +202,7 @@ def test_a_clone_is_a_run_that_can_be_evaluated_and_trained_on(
     notes = yaml.safe_load(run.provenance_file.read_text())
     assert (notes["cloned"]["dataset"], notes["cloned"]["epochs"]) == (PENDULUM, 40)
     before = TD3.load(run.model_file).actor.state_dict()
-    with SavedPlayer.open(run.path) as player:
+    with OpenPlayer.open(run.path) as player:
         there = recorded_pendulum[0].observations[:-1]
         action, _ = player.model.predict(player._venv.normalize_obs(there), deterministic=True)
     assert np.abs(action - recorded_pendulum[0].actions).mean() < 0.1
@@ -247,7 +248,7 @@ def test_a_clone_plays_in_the_environment_of_the_data_set():
     config = folder.read_config()
     assert config.env_id == env_id
     assert config.env_kwargs == {"observation": "fingers", "control_timestep": 0.1}
-    with SavedPlayer.open(folder.path) as player:
+    with OpenPlayer.open(folder.path) as player:
         assert player.env.config == env.unwrapped.config
         assert player.piece == "CMajorScaleOneHand"
         assert (player._venv.action_space.high == 0.5).all()

@@ -13,9 +13,8 @@ from fresh_python import run_python
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training import RunFolder, evaluate, export_run, load_player
+from sb3_piano.training import evaluate, export_run, load_player
 from sb3_piano.training.configuration.names import import_name, known_packages_only
-from sb3_piano.training.playing.takes import planner_config
 
 FRESH = """
     import pickle, sys
@@ -167,16 +166,6 @@ def test_names_of_other_packages_are_let_through_afterwards():
 def test_no_wrapper_that_writes_files_may_be_named(name):
     with known_packages_only(), pytest.raises(ConfigError, match="write no files"):
         import_name(name)
-
-
-def test_the_card_of_a_player_without_training_tells_of_none(tmp_path):
-    """The sight-reader's network was trained before, and is not in the folder."""
-    config = planner_config("debug-CMajorScaleOneHand", "sight-reader")
-    run = RunFolder.create(config.in_env(physics="fast"), tmp_path / "run")
-    card = export_run(run.path, tmp_path / "shared", picture=None).card_file.read_text()
-    assert "It was trained" not in card
-    assert "Settings of sb3-piano's sight-reader player, without weights" in " ".join(card.split())
-    assert "## Training\n\nNone on this piece" in card
 
 
 def test_options_of_the_web_page_are_refused_with_a_run(capsys):

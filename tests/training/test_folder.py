@@ -15,7 +15,6 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.library import Library
 from sb3_piano.training import RunFolder, resume, train
-from sb3_piano.training.playing.takes import planner_config
 
 
 def test_runs_are_numbered_from_one_and_gaps_are_filled(small_config, tmp_path):
@@ -122,19 +121,6 @@ def test_a_folder_that_holds_a_run_is_refused_with_the_way_to_resume_it(small_co
     RunFolder.create(small_config(), tmp_path / "run")
     with pytest.raises(RunError, match=r"holds a run already: .* sb3-piano train --resume .*run"):
         RunFolder.create(small_config(), tmp_path / "run")
-
-
-@pytest.mark.parametrize(
-    ("algo", "command"), [("planned", "sb3-piano plan 'my run' --refine MINUTES"), ("sampling", "")]
-)
-def test_of_a_run_that_is_not_trained_the_way_on_is_another(tmp_path, monkeypatch, algo, command):
-    monkeypatch.chdir(tmp_path)
-    config = planner_config("hanon-01", algo)
-    RunFolder.create(config, "my run")
-    with pytest.raises(RunError, match="expected a new or empty folder") as told:
-        RunFolder.create(config, "my run")
-    assert str(told.value).endswith(command or "folder.")
-    assert "--resume" not in str(told.value)
 
 
 def test_a_folder_that_is_not_empty_is_refused(small_config, tmp_path):

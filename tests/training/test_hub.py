@@ -1,23 +1,16 @@
 """The Hugging Face Hub: names, and a run that goes to a server of this machine, and back."""
 
 import base64
-import fnmatch
 import hashlib
 import http.server
 import json
-import shutil
 import threading
-from pathlib import Path
 
 import pytest
 from fresh_python import run_python
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.training import load_player
-from sb3_piano.training.playing.player import write_player
-from sb3_piano.training.playing.takes import plan_run, planner_config, refine_run
-from sb3_piano.training.sharing import hub
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 
@@ -136,28 +129,3 @@ def test_a_run_is_published_and_fetched_without_its_pickles(pendulum_run, tmp_pa
     assert done.stdout.split()[-3:] == ["0", str(wanted), "False"]
     sent = {str(path.relative_to(kept)) for path in kept.rglob("*") if path.is_file()}
     assert {"README.md", "config.yml", "policy.safetensors", "evaluation/metrics.json"} <= sent
-
-
-@pytest.mark.slow
-def test_the_plan_of_a_refined_run_is_fetched(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    leap = [(0.0, 0.25, 60, 0), (0.25, 0.5, 72, 1), (0.5, 0.75, 60, 0)]  # some frames are lost
-    notes = [Note(onset=a, offset=b, pitch=pitch, finger=finger) for a, b, pitch, finger in leap]
-    write_midi(Score(notes=notes), "leap.mid")
-    run, _, _ = plan_run(planner_config("leap.mid", env_kwargs={"physics": "fast"}), "run")
-    refined = refine_run(run, passes=1)
-    exported = write_player(run.path, "exported").path
-    assert (exported / "plan.npz").is_file()
-
-    class Packages:
-        def snapshot_download(self, repo, revision, allow_patterns):
-            assert (repo, revision) == ("a/b", None)
-            for file in exported.iterdir():
-                if any(fnmatch.fnmatch(file.name, pattern) for pattern in allow_patterns):
-                    shutil.copy(file, "fetched")
-            return "fetched"
-
-    Path("fetched").mkdir()
-    monkeypatch.setattr(hub, "_huggingface_hub", Packages)
-    with load_player("hf:a/b") as player:
-        assert player.play()[0].metrics["f1"] == pytest.approx(refined.f1)

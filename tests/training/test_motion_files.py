@@ -10,7 +10,6 @@ from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.difficulty import read_motion
-from sb3_piano.players import TreeSettings
 from sb3_piano.training import evaluate, evaluate_runs
 
 PIECE = "debug-CMajorScaleOneHand"
@@ -59,7 +58,7 @@ def test_only_a_run_s_own_piece_on_a_piano_has_motion(piano_run, pendulum_run, m
     with pytest.raises(ConfigError, match="Of another piece no motion is written"):
         evaluate(run.path, score=PIECE, motion=True)
     with pytest.raises(ConfigError, match="Of a tree search no motion is written"):
-        evaluate(run.path, tree=TreeSettings(simulations=1), motion=True)
+        evaluate(f"tree:1x8:{run.path}", motion=True)
     found = evaluate_runs([run.path], scores=[PIECE], motion=True)
     assert "Of another piece no motion is written" in found.failures[0].reason
     pendulum = pendulum_run("pendulum")

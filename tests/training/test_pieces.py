@@ -20,9 +20,9 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, find_piece, load_score, select_pieces, write_midi
 from sb3_piano.training import (
+    OpenPlayer,
     RunConfig,
     RunFolder,
-    SavedPlayer,
     compare,
     evaluate,
     evaluate_runs,
@@ -388,7 +388,7 @@ def test_the_command_trains_on_pieces_and_evaluates_each(
         "62.mid",
         "scale-CMajor",
     ]
-    with SavedPlayer.open("run") as player:
+    with OpenPlayer.open("run") as player:
         assert player.piece == "3 pieces"
     found = evaluate_runs(["run"])
     assert [evaluation.piece for evaluation in found.evaluations] == ["60", "62", "scale-CMajor"]

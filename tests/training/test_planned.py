@@ -1,4 +1,4 @@
-"""What plays without training: its runs, and ``sb3-piano play --planned``."""
+"""What plays without training, by every command, and plans in files."""
 
 import json
 import re
@@ -19,14 +19,16 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from sb3_piano.callbacks import F1Callback
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
+from sb3_piano.exceptions import PlanWarning, RunError
 from sb3_piano.music import read_midi, write_midi
 from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement
-from sb3_piano.planning.sampling import PredictiveSampling, SamplingNoise
+from sb3_piano.planning.plan_file import settings_of_plan
+from sb3_piano.planning.sampling import SamplingNoise
+from sb3_piano.players import PLAYERS, PlayerSpec
 from sb3_piano.simulation import find_gl_backend
-from sb3_piano.training import PLANNERS, PlannedConfig, RunFolder, SavedPlayer, evaluate
-from sb3_piano.training.playing.player import run_to_record
-from sb3_piano.training.playing.takes import PLANNED_IN, plan_run, planner_config, take_of_planner
+from sb3_piano.training import OpenPlayer, evaluate
+from sb3_piano.training.playing.player import PLANNED_IN
+from sb3_piano.training.playing.takes import played_take
 
 TUNE = score_of(
     (0.0, 0.45, 76, 1), (0.5, 0.95, 77, 2), (0.5, 1.0, 48, 6), pedals=[(0.2, 0.6)], title="tune"
@@ -62,114 +64,101 @@ def expected(tmp_path_factory):
     """Return the metrics of the tune as it is played without any run."""
     path = tmp_path_factory.mktemp("score") / "tune.mid"
     write_midi(TUNE, path)
-    return dict(take_of_planner(planner_config(str(path), env_kwargs=FAST)).metrics)
+    with OpenPlayer.open("planned", score=path, physics="fast") as player:
+        return dict(player.play()[0].metrics)
 
 
-def zero_run(folder="zero", **changes):
-    config = planner_config("tune.mid", "sampling", env_kwargs=FAST, **{**ZERO, **changes})
-    return plan_run(config, folder)[0]
+ZERO_SPEC = PlayerSpec(name="sampling", arguments=ZERO)
+
+
+@pytest.fixture
+def former():
+    """Return a function that writes the folder that version 0.2 made for a player."""
+
+    def write(folder="former", algo="planned", **arguments):
+        Path(folder).mkdir()
+        shutil.copy("tune.mid", Path(folder, "score.mid"))
+        settings = {
+            "algo": algo,
+            "env_id": "RoboPianist-v0",
+            "env_module": None,
+            "seed": 0,
+            "env_kwargs": {**PLANNED_IN, **FAST, "score": "score.mid"},
+            "env_wrapper": [],
+            "algorithm_kwargs": arguments,
+        }
+        Path(folder, "config.yml").write_text(yaml.safe_dump(settings))
+        return folder
+
+    return write
 
 
 @pytest.mark.slow
-def test_a_planned_run_is_evaluated_compared_watched_and_reported(capsys, piano_run, expected):
-    assert main(["plan", "tune.mid", "--set", "physics=fast"]) == 0
-    out = capsys.readouterr().out
-    assert "tune: ready to play after" in out
-    run = "runs/planned/RoboPianist-v0_1"
-    assert f"sb3-piano evaluate {run}" in out
-    assert main(["evaluate", run]) == 0
+def test_a_player_is_evaluated_compared_watched_and_reported(capsys, piano_run, expected):
+    player = ["planned", "--score", "tune.mid", "--physics", "fast"]
+    assert main(["evaluate", *player, "--json", "planned.json"]) == 0
     assert "tune: 1 episode, model after 0 steps of training" in capsys.readouterr().out
-    found = json.loads(Path(run, "evaluation/metrics.json").read_text())
+    [found] = json.loads(Path("planned.json").read_text())["evaluations"]
     assert found["mean"] == pytest.approx(expected, nan_ok=True)
     assert found["mean"]["f1"] > 0.8 > found["baseline"]["f1"]
+    assert (found["run"], found["training_seed"]) == ("planned", None)
 
     trained = piano_run(np.zeros(39, dtype=np.float32), name="trained", score="tune.mid")
     assert main(["evaluate", str(trained.path)]) == 0
-    assert main(["compare", str(trained.path), run, "--metric", "f1", "--json", "c.json"]) == 0
+    compared = ["compare", str(trained.path), "planned.json", "--metric", "f1"]
+    assert main([*compared, "--json", "c.json"]) == 0
     [pair] = json.loads(Path("c.json").read_text())["metrics"]["f1"]["pairs"]
     assert (pair["piece"], pair["b"]) == ("tune", found["mean"]["f1"])
 
-    assert main(["play", run, "--no-video"]) == 0
-    played = read_midi(f"{run}/play/performance.mid")
+    watched = ["tune.mid", "--player", "planned", "--physics", "fast"]
+    assert main(["play", *watched, "--no-video"]) == 0
+    played = read_midi("play/tune-planned/performance.mid")
     assert {note.pitch for note in played.notes} == {48, 76, 77}
-    assert main(["report", run]) == 0
-    assert "PLANNED after 0 steps" in Path(run, "evaluation/report.html").read_text()
+    assert main(["report", *watched]) == 0
+    assert "PLANNED · fast physics" in Path("play/tune-planned/report.html").read_text()
 
 
 @pytest.mark.slow
-def test_a_planned_run_plays_another_piece():
-    run = RunFolder.create(planner_config("tune.mid", env_kwargs=FAST), "run")
+def test_the_folder_of_a_player_of_version_0_2_plays_as_before(former, expected, capsys):
+    folder = former("once")
+    shutil.move(folder, "moved")
+    assert evaluate("moved").mean == pytest.approx(expected, nan_ok=True)
     write_midi(TUNE.transpose(-2), "lower.mid")
-    found = evaluate(run.path, score="lower.mid")
-    assert found.piece == "lower"
-    assert found.mean["f1"] > 0.8
+    found = evaluate("moved", score="lower.mid")
+    assert (found.piece, found.mean["f1"] > 0.8) == ("lower", True)
+    assert main(["play", "moved", "--no-video"]) == 0
+    with pytest.raises(RunError, match="'planned' has no best model by 'f1'"):
+        evaluate("moved", best="f1")
+    for command in (["train", "--resume", "moved"], ["export", "moved", "shared"]):
+        assert main(command) == 2
+        assert "not trained" in capsys.readouterr().err
 
 
-def test_a_run_keeps_the_score_and_what_was_chosen():
-    config = planner_config(
-        "tune.mid",
-        "sampling",
-        seed=3,
-        env_kwargs={"reduced_action_space": True, **FAST},
-        noise={"finger": 0.3, "knots": 4},
-        **ZERO,
-    )
-    run, piece, _ = plan_run(config, "run")
-    Path("tune.mid").unlink()
-    assert piece == "tune"
-    read = run.read_config()
-    changed = {"reduced_action_space": True, "score": "run/score.mid"}
-    assert read.env_kwargs == {**PLANNED_IN, **FAST, **changed}
-    assert (read.algo, read.seed) == ("sampling", 3)
-    with SavedPlayer.open("run", seed=4) as player:
-        assert player.env.action_space.shape == (39,)
+def test_a_folder_of_version_0_2_keeps_what_was_chosen(former):
+    settings = {"hover": 0.02, "rounds": 3}
+    folder = former(algo="sampling", noise={"finger": 0.3, "knots": 4}, **ZERO)
+    with OpenPlayer.open(folder, seed=4) as player:
+        assert player.env.action_space.shape == (45,)
         sampler = player.model
-        assert isinstance(sampler, PredictiveSampling)
         assert (sampler._samples, sampler._horizon, sampler._planned) == (2, 2, False)
         assert sampler._noise == SamplingNoise(finger=0.3, knots=4)
         drawn = np.random.default_rng(np.random.SeedSequence(4).spawn(1)[0])
         assert sampler._random[0].bit_generator.state == drawn.bit_generator.state
-
-
-def test_the_constants_of_a_plan_are_settings_of_its_run():
-    config = planner_config("tune.mid", env_kwargs=FAST, settings={"hover": "0.02", "rounds": 3})
-    mapping = yaml.safe_load(yaml.safe_dump(config.to_mapping()))
-    assert PlannedConfig(**mapping) == config
-    former = RunFolder.create(config, "former")
-    mapping = yaml.safe_load(former.config_file.read_text())
-    unneeded = {"n_timesteps": 1, "normalize": False, "callback": []}  # of folders of before
-    former.config_file.write_text(yaml.safe_dump({**mapping, **unneeded}))
-    assert former.read_config().to_mapping().keys() == mapping.keys()
-    config = planner_config("tune.mid", env_kwargs=FAST, settings={"rounds": 2})
-    run = RunFolder.create(config, "run")
-    with SavedPlayer.open(run.path) as player:
-        assert player.model.settings == PlanSettings(rounds=2)
+    with OpenPlayer.open(former("other", settings=settings)) as player:
+        assert player.model.settings == PlanSettings(**settings)
 
 
 @pytest.mark.slow
 def test_an_episode_comes_from_its_seed_whatever_was_played_before():
-    run = zero_run()
-    both = evaluate(run.path, 1, (0, 1))
-    alone = evaluate(run.path, 1, 1)
+    both = evaluate(ZERO_SPEC, 1, (0, 1), score="tune.mid", physics="fast")
+    alone = evaluate(ZERO_SPEC, 1, 1, score="tune.mid", physics="fast")
     assert both.episodes[1] == alone.episodes[0]
     assert both.episodes[0] != both.episodes[1]
 
 
-def test_a_run_is_recorded_by_a_player_of_the_environment_that_is_recorded():
-    run = zero_run()
-    with run_to_record(run.path) as (policy, env, config):
-        observation, _ = env.reset(seed=0)
-        state = None
-        for _ in range(3):  # which another environment's player would refuse
-            action, state = policy.predict(observation, state)
-            observation, *_ = env.step(action)
-        assert env.unwrapped.steps_played == 3
-    assert config.algo == "sampling"
-
-
-@pytest.mark.parametrize("algo", PLANNERS)
-def test_what_is_not_trained_is_told_so_in_one_way(algo, capsys, caplog):
-    run = RunFolder.create(planner_config("tune.mid", algo), "run").path
+@pytest.mark.parametrize("algo", PLAYERS)
+def test_what_is_not_trained_is_told_so_in_one_way(algo, former, capsys, caplog):
+    run = Path(former("run", algo))
     commands = [
         ["train", "--algo", algo, "--midi", "tune.mid"],
         ["train", "--algo", algo, "--midi", "tune.mid", "--config", "none.yml"],
@@ -180,40 +169,18 @@ def test_what_is_not_trained_is_told_so_in_one_way(algo, capsys, caplog):
     for command in commands:
         assert main(command) == 2
         error = capsys.readouterr().err
-        told = f"Algorithm {algo!r} is not trained, it plays at once: expected 'sb3-piano plan'"
-        assert told in error
+        assert "is not trained" in error
+        assert repr(algo) in error
     assert sorted(run.rglob("*")) == before
     assert not caplog.records  # nothing was begun
     assert not Path("runs").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"samples": 2}, "Unknown key 'samples' of PlannedPianist"),
-        ({"algo": "td3"}, "algo is 'td3': expected one of 'planned', 'sampling'"),
-        ({"settings": {"hovr": 1}}, "Unknown key 'hovr' of PlanSettings. Did you mean 'hover'"),
-        ({"settings": {"hover": "high"}}, "hover is 'high': expected a finite number"),
-        ({"settings": 3}, "settings is 3: expected a mapping"),
-    ],
-)
-def test_arguments_of_a_planner_are_checked(arguments, message):
-    with pytest.raises(ConfigError, match=message):
-        planner_config("tune.mid", **arguments)
-
-
-def test_a_planned_run_has_no_best_model():
-    with pytest.raises(RunError, match="has no best model by 'f1'"):
-        evaluate(zero_run().path, best="f1")
-
-
 @pytest.mark.slow
 def test_notes_that_cannot_be_played_are_told_once_and_in_words(capsys, recwarn):
-    assert main(["plan", "wide.mid", "--set", "physics=fast", "--out", "run"]) == 0
     told = "sb3-piano: warning: 1 note cannot be played as written"
-    assert capsys.readouterr().err.count(told) == 1
-    shutil.copytree("run", "again")
-    assert main(["evaluate", "run", "again"]) == 0
+    twice = ["planned", "planned:feedback=0.9", "--score", "wide.mid", "--physics", "fast"]
+    assert main(["evaluate", *twice]) == 0
     error = capsys.readouterr().err
     assert error.count(told) == 1
     assert "C4 (pitch 60) at 0.50 s, right thumb: left out by the hand, which plays C6" in error
@@ -279,66 +246,72 @@ def test_what_is_left_out_of_a_file_is_told_in_words(capsys):
     assert error.strip() == told
 
 
-def test_all_joints_play_unless_the_reduced_action_space_is_asked_for(monkeypatch):
+@pytest.mark.parametrize(
+    "reduced", [["--reduced"], ["--set", "reduced_action_space=true"]], ids=["former", "set"]
+)
+def test_all_joints_play_unless_the_reduced_action_space_is_asked_for(reduced, monkeypatch):
     widths = []
 
-    def noted(config, on_step, **options):
-        played = take_of_planner(config, on_step, **options)
-        widths.append(played.take.scene.model.nu)
-        return played
+    def noted(player, on_step):
+        take, recording = played_take(player, on_step)
+        widths.append(take.scene.model.nu)
+        return take, recording
 
-    monkeypatch.setattr("sb3_piano.training.playing.takes.take_of_planner", noted)
+    monkeypatch.setattr("sb3_piano.training.playing.takes.played_take", noted)
     command = ["play", "--planned", "plain.mid", "--no-video", "--physics", "fast", *ZERO_OPTIONS]
-    assert main(command) == main([*command, "--reduced"]) == 0
+    assert main(command) == main([*command, *reduced]) == 0
     assert widths == [44, 38]
 
 
-def test_the_listener_hears_of_planning_and_of_every_step():
+def test_the_listener_hears_of_every_step():
     calls = []
-    arguments = {"samples": 1, "horizon": 1, "nominal": "none"}
-    config = planner_config("plain.mid", "sampling", env_kwargs={"physics": "fast"}, **arguments)
-    played = take_of_planner(config, lambda done, total: calls.append((done, total)))
-    steps = len(played.take.performance.roll)
-    assert calls == [(step, steps) for step in range(steps + 1)]
-    assert played.metrics["length"] == steps
+    spec = PlayerSpec.parse("sampling:samples=1,horizon=1,nominal=none")
+    with OpenPlayer.open(spec, score="plain.mid", physics="fast") as player:
+        take, recording = played_take(player, lambda done, total: calls.append((done, total)))
+    roll = take.performance.roll
+    assert calls == [(step, len(roll)) for step in range(1, len(roll) + 1)]
+    assert recording.metrics["length"] == len(roll)
     # Half a second to get to the first note, and a finger for each note.
-    roll = played.take.performance.roll
     assert not roll.active[:10].any()
     assert roll.active[10].sum() == 2
     assert (roll.finger[roll.active] >= 0).all()
-    assert len(played.take.qpos) == steps + 1
-    assert played.score.title == "plain"
-    assert min(played.planning, played.playing) > 0
+    assert len(take.qpos) == len(roll) + 1
+
+
+def f1_of(told):
+    return float(told.partition("before, ")[2].split()[0])
 
 
 @pytest.mark.slow
-def test_a_refined_run_keeps_its_plan_plays_it_and_goes_on(capsys):
-    assert main(["plan", "leap.mid", *SHORTLY, "--set", "physics=fast", "--out", "run"]) == 0
+def test_a_refined_plan_is_kept_played_and_gone_on_with(capsys):
+    plan = ["plan", "leap.mid", *SHORTLY, "--set", "physics=fast", "--out", "leap.npz"]
+    assert main(plan) == 0
     told = capsys.readouterr().out
-    found = re.search(r"F1 ([\d.]+) before, ([\d.]+) after 1 pass,", told)
+    found = re.search(r"F1 ([\d.]+) before, ([\d.]+) after 1 pass", told)
     assert found is not None
     before, f1 = map(float, found.groups())
     assert f1 >= before
-    shutil.move("run", "moved")
-    config = RunFolder.open("moved").read_config()
-    assert config.algorithm_kwargs["plan"] == str(Path("moved", "plan.npz"))
-    with SavedPlayer.open("moved") as player:
-        (recording,) = player.play()
-    assert recording.metrics["f1"] == pytest.approx(f1, abs=5e-4)
-    assert main(["plan", "moved", *SHORTLY]) == 0
+    assert main(plan) == 0
     told = capsys.readouterr().out
     assert f"F1 {f1:.3f} before" in told
-    f1 = float(told.partition("before, ")[2].split()[0])
-    play = ["play", "leap.mid", "--planned", "--physics", "fast", "--no-video"]
-    assert main([*play, "--plan", "moved/plan.npz"]) == 0
+    f1 = f1_of(told)
+    for player in ("planned:", "sampling:samples=1,horizon=1,"):  # one sample is the plan itself
+        play = ["play", "leap.mid", "--player", f"{player}plan=leap.npz", "--physics", "fast"]
+        assert main([*play, "--no-video"]) == 0
+        assert f"F1 {f1:.3f}" in capsys.readouterr().out
+    assert main([*play[:2], "--planned", "--plan", "leap.npz", *play[4:], "--no-video"]) == 0
     assert f"F1 {f1:.3f}" in capsys.readouterr().out
-    # A single sample is the plan itself; the run of sampling has its own copy of it.
-    sample = ["plan", "leap.mid", "--sampling", "1", "--horizon", "1", "--set", "physics=fast"]
-    assert main([*sample, "--plan", "moved/plan.npz", "--out", "sampled"]) == 0
-    shutil.rmtree("moved")
-    with SavedPlayer.open("sampled") as player:
-        (recording,) = player.play()
-    assert recording.metrics["f1"] == pytest.approx(f1, abs=5e-4)
+    assert main(["plan", "tune.mid", "--set", "physics=fast", "--out", "leap.npz"]) == 2
+    assert "is of another piece" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_plan_without_refinement_lies_with_the_piece_s_takes(capsys):
+    assert main(["plan", "tune.mid", "--set", "physics=fast"]) == 0
+    out = capsys.readouterr().out
+    assert "tune: planned in" in out
+    assert "sb3-piano play tune.mid --player planned:plan=play/tune-planned/plan.npz" in out
+    assert settings_of_plan("play/tune-planned/plan.npz") == PlanSettings()
 
 
 @pytest.mark.slow
@@ -350,28 +323,18 @@ def test_ctrl_c_ends_a_refinement_and_keeps_the_best_so_far(monkeypatch, capsys)
         return search(*given)
 
     monkeypatch.setattr(Refinement, "_search", interrupted)
-    command = ["plan", "leap.mid", "--refine", "60", "--set", "physics=fast", "--out", "run"]
+    command = ["plan", "leap.mid", "--refine", "60", "--set", "physics=fast", "--out", "leap.npz"]
     assert main(command) == 130
     assert "interrupted: the best plan so far is kept" in capsys.readouterr().err
-    assert RunFolder.open("run").plan_file.is_file()
+    assert Path("leap.npz").is_file()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ["leap.mid", "--refine", "5", "--sampling", "8"],
-            "--refine cannot be given to the player",
-        ),
-        (["folder"], "'folder' is a folder: expected a piece, or --refine MINUTES"),
-        (["folder", "--refine", "5"], "'folder' is no run"),
-        (["folder", "--refine", "5", "--out", "x"], "--out cannot be given with the run 'folder'"),
-    ],
-)
-def test_what_cannot_be_refined_is_told(arguments, message, capsys):
+def test_a_folder_is_no_piece_to_plan(capsys):
     Path("folder").mkdir()
-    assert main(["plan", *arguments]) == 2
-    assert message in capsys.readouterr().err
+    assert main(["plan", "folder", "--refine", "5"]) == 2
+    assert "'folder' is a folder: expected a piece or a file. A plan is a file" in (
+        capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("minutes", ["0", "-1", "soon", "inf", "nan"])

@@ -10,7 +10,7 @@ from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score
-from sb3_piano.training import SavedPlayer, evaluate, train
+from sb3_piano.training import OpenPlayer, evaluate, train
 
 BEYOND = Score(notes=[Note(pitch=100, onset=0.0, offset=0.2)], title="Beyond")
 
@@ -24,7 +24,7 @@ class AlwaysTwinkle(gym.Wrapper):
 
 @pytest.mark.slow
 def test_episodes_are_recorded_with_their_motion(piano_run):
-    with SavedPlayer.open(piano_run(STILL).path, seed=3) as player:
+    with OpenPlayer.open(piano_run(STILL).path, seed=3) as player:
         assert isinstance(player.env, PianoEnv)
         first, second = player.play(2)
         for recording in (first, second):
@@ -32,7 +32,7 @@ def test_episodes_are_recorded_with_their_motion(piano_run):
             assert steps == len(player.env.roll) == recording.metrics["length"]
             assert recording.motion.qpos.shape == (steps + 1, player.env.model.nq)
         assert first.metrics == second.metrics
-        assert (player.config.seed, player.num_timesteps, player.piece) == (3, 1, "duet")
+        assert (player.seed, player.num_timesteps, player.piece) == (3, 1, "duet")
         resting = player.rest()
         assert resting.metrics["return_energy"] != first.metrics["return_energy"]
         # a rest leaves nothing behind
@@ -47,7 +47,7 @@ def test_an_episode_ends_when_a_wrapper_of_the_run_ends_it(piano_run):
     for metrics in (*found.episodes, found.baseline):
         assert metrics["length"] == 3
     assert found.summary["f1"].mean == found.episodes[0]["f1"]
-    with SavedPlayer.open(folder.path) as player:
+    with OpenPlayer.open(folder.path) as player:
         endless = player.episodes()
         next(endless)
         player.vec_env.step([STILL])  # leave one under way
@@ -55,7 +55,7 @@ def test_an_episode_ends_when_a_wrapper_of_the_run_ends_it(piano_run):
 
 
 def test_a_player_of_no_piano_does_not_rest(pendulum_run):
-    with SavedPlayer.open(pendulum_run().path) as player:
+    with OpenPlayer.open(pendulum_run().path) as player:
         assert player.rest() is None
         assert player.piece == "Pendulum-v1"
         (recording,) = player.play()
@@ -63,7 +63,7 @@ def test_a_player_of_no_piano_does_not_rest(pendulum_run):
 
 
 def test_each_playing_starts_from_its_seed(pendulum_run):
-    with SavedPlayer.open(pendulum_run().path, seed=5) as player:
+    with OpenPlayer.open(pendulum_run().path, seed=5) as player:
         returns = [r.metrics["return"] for r in player.play(3)]
         assert [r.metrics["return"] for r in player.play(2)] == returns[:2]
         other = [r.metrics["return"] for r in player.play(1, seed=6)]
@@ -77,7 +77,7 @@ def test_a_run_without_a_file_names_its_piece_by_the_score(piano_run, small_conf
     config = folder.read_config()
     folder.provenance_file.unlink()
     folder.write_config(dataclasses.replace(config, env_kwargs={"score": "CMajorScaleOneHand"}))
-    with SavedPlayer.open(folder.path) as player:
+    with OpenPlayer.open(folder.path) as player:
         assert player.piece == "CMajorScaleOneHand"
 
 
@@ -87,9 +87,9 @@ def test_a_given_piece_is_played_whatever_wrappers_choose(piano_run):
     config = folder.read_config()
     folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.AlwaysTwinkle"))
     short = Score(notes=[Note(pitch=60, onset=0.0, offset=0.2)], title="Short")
-    with SavedPlayer.open(folder.path) as player:
+    with OpenPlayer.open(folder.path) as player:
         assert player.play()[0].performance.title == "TwinkleTwinkleLittleStar"
-    with SavedPlayer.open(folder.path, score=short) as player:
+    with OpenPlayer.open(folder.path, score=short) as player:
         for recording in (*player.play(2), player.rest()):
             assert recording.performance.title == player.piece == "Short"
 
@@ -98,23 +98,23 @@ def test_a_window_keeps_its_keys_for_another_piece(piano_run):
     """Observed are the keys of the run's own piece, C3 to E5, and three beside them."""
     folder = piano_run(STILL, observation="window")
     inside = Score(notes=[Note(pitch=60, onset=0.0, offset=0.2)], title="Inside")
-    with SavedPlayer.open(folder.path) as own, SavedPlayer.open(folder.path, score=inside) as other:
+    with OpenPlayer.open(folder.path) as own, OpenPlayer.open(folder.path, score=inside) as other:
         assert own.env.observation_space == other.env.observation_space
         assert len(other.play()[0].performance) == 5
     with pytest.raises(RunError, match="run' cannot play 'Beyond': .*that its observation"):
-        SavedPlayer.open(folder.path, score=BEYOND)
+        OpenPlayer.open(folder.path, score=BEYOND)
 
 
 def test_no_piece_can_be_given_to_what_is_no_piano(pendulum_run):
     with pytest.raises(ConfigError, match="cannot play 'Beyond': its environment 'Pendulum-v1' is"):
-        SavedPlayer.open(pendulum_run().path, score=BEYOND)
+        OpenPlayer.open(pendulum_run().path, score=BEYOND)
 
 
 def test_numbers_out_of_range_are_refused(pendulum_run):
     folder = pendulum_run()
     with pytest.raises(ConfigError, match="seed is -1: expected a whole number, 0 or more"):
-        SavedPlayer.open(folder.path, seed=-1)
-    with SavedPlayer.open(folder.path) as player:
+        OpenPlayer.open(folder.path, seed=-1)
+    with OpenPlayer.open(folder.path) as player:
         with pytest.raises(ConfigError, match="episodes is 0: expected a whole number"):
             player.play(0)
         with pytest.raises(ConfigError, match="seed is -2: expected a whole number"):
@@ -146,7 +146,7 @@ def evaluated_run(small_config, tmp_path, midi_file):
 def test_the_best_model_plays_in_place_of_the_last_one(evaluated_run, normalize):
     run = evaluated_run(normalize=normalize)
     for best, steps in ((None, 30), ("f1", 10)):
-        with SavedPlayer.open(run.path, best=best) as player:
+        with OpenPlayer.open(run.path, best=best) as player:
             assert player.num_timesteps == steps
             assert len(player.play()) == 1
             statistics = player.model.get_vec_normalize_env()
@@ -154,12 +154,12 @@ def test_the_best_model_plays_in_place_of_the_last_one(evaluated_run, normalize)
             assert not normalize or statistics.obs_rms.count == pytest.approx(steps + 1, abs=0.1)
     assert evaluate(run.path, best="f1").num_timesteps == 10
     with pytest.raises(RunError, match="no best model by 'onset_f1', it has one by f1: expected"):
-        SavedPlayer.open(run.path, best="onset_f1")
+        OpenPlayer.open(run.path, best="onset_f1")
 
 
 def test_a_run_without_a_best_model_says_so(piano_run):
     with pytest.raises(RunError, match="no best model by 'f1', it has none by any metric"):
-        SavedPlayer.open(piano_run(STILL).path, best="f1")
+        OpenPlayer.open(piano_run(STILL).path, best="f1")
 
 
 @pytest.mark.slow

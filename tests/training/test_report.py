@@ -150,7 +150,7 @@ def test_the_report_of_a_piece_is_its_piano_roll(tmp_path, monkeypatch, capsys):
     assert main(["report", "FurElise", "--out", "elise.html"]) == 0
     assert "Onset density" in text_of(tmp_path / "elise.html")
     assert main(["report", "FurElise", "--best", "f1"]) == 2
-    assert "--best cannot be given with a piece" in capsys.readouterr().err
+    assert "--best cannot be given without --player" in capsys.readouterr().err
     assert main(["report", "runs/nothing"]) == 2
     assert "Expected the folder of a run, a file" in capsys.readouterr().err
 

@@ -19,19 +19,20 @@ from sb3_piano.exceptions import ConfigError, InvalidActionError, RunError
 from sb3_piano.hyperparams import FINE_TUNING
 from sb3_piano.layers import layers
 from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.players import PlayerSpec
 from sb3_piano.policies import hand_weights
 from sb3_piano.training import (
+    OpenPlayer,
     RunConfig,
     RunFolder,
     RunResidual,
-    SavedPlayer,
     clone,
     evaluate,
     load_fine_tuning,
     train,
 )
 from sb3_piano.training.configuration.plugins import Plugin
-from sb3_piano.training.playing.player import run_to_record, write_player
+from sb3_piano.training.playing.player import player_to_record, write_player
 from sb3_piano.wrappers import PitchShift
 
 TUNE = Score(notes=[Note(onset=i / 5, offset=(i + 1) / 5, pitch=72 + i, finger=i) for i in (0, 1)])
@@ -83,7 +84,7 @@ def correcting(algo="sac", player=Path("base"), **settings):
 
 def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(base):
     with (
-        SavedPlayer.open(base.path, seed=0) as player,
+        OpenPlayer.open(base.path, seed=0) as player,
         contextlib.closing(base.read_config().env.make()) as env,
     ):
         residual = RunResidual(env, "base")
@@ -211,7 +212,7 @@ def recorded(tmp_path, monkeypatch):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
 
     def start(folder):
-        with run_to_record(folder) as (player, env, _):
+        with player_to_record(PlayerSpec.parse(folder)) as (player, env):
             return record(player, env, "played-v0", episodes=2, noise=(0.0, 0.1))
 
     return start
@@ -273,7 +274,7 @@ def test_what_sees_or_acts_around_a_correction_is_not_recorded(base):
     run = train(config, "run", progress_bar=False).folder
     with (
         pytest.raises(ConfigError, match="change the action_space around the RunResidual"),
-        run_to_record(run.path),
+        player_to_record(PlayerSpec.parse(run.path)),
     ):
         pass
 

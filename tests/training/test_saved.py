@@ -13,9 +13,8 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training import ALGORITHMS, RunConfig, SavedPlayer, evaluate, resume, train
+from sb3_piano.training import ALGORITHMS, OpenPlayer, RunConfig, evaluate, resume, train
 from sb3_piano.training.playing.player import write_player
-from sb3_piano.training.playing.takes import plan_run, planner_config
 from sb3_piano.training.runs.saved import model_files
 
 ON_POLICY = ("ppo", "a2c", "trpo")
@@ -61,7 +60,7 @@ def any_run(tmp_path):
 
 
 def played(folder, seed=3):
-    with SavedPlayer.open(folder, seed=seed) as player:
+    with OpenPlayer.open(folder, seed=seed) as player:
         (recording,) = player.play()
         return recording.metrics, player.num_timesteps
 
@@ -98,13 +97,6 @@ def test_a_shared_piano_is_evaluated_reported_and_played(piano_run, tmp_path, un
     (place / "model.zip").write_bytes((run.path / "model.zip").read_bytes())
     evaluate(place)
     assert unpickled == [], "a pickle beside the weights is left alone"
-
-
-@pytest.mark.slow
-def test_what_plays_without_training_is_shared_too(tmp_path, midi_file):
-    run = plan_run(planner_config(str(midi_file)), tmp_path / "planned")[0]
-    shared = write_player(run.path, tmp_path / "shared")
-    assert {f.name for f in shared.path.iterdir()} == {"config.yml", "run.yml", "score.mid"}
 
 
 def test_a_shared_run_cannot_be_trained_on_and_has_one_model(pendulum_run, tmp_path):
@@ -197,7 +189,7 @@ def test_damaged_statistics_end_in_one_line_that_names_the_file(normalized_run):
 
 def test_a_model_and_statistics_of_two_checkpoints_are_mended_or_refused(normalized_run):
     file = normalized_run.path / "vecnormalize.pkl"
-    with SavedPlayer.open(normalized_run.path) as player:
+    with OpenPlayer.open(normalized_run.path) as player:
         normalizer = player.model.get_vec_normalize_env()
     normalizer.saved_after_timesteps = 20
     normalizer.save(str(file))  # as after a kill between the two
@@ -232,7 +224,7 @@ def test_a_pickle_of_something_else_is_no_statistics(normalized_run, other):
 )
 def test_statistics_that_cannot_be_are_refused(normalized_run, field, value):
     file = normalized_run.path / "vecnormalize.pkl"
-    with SavedPlayer.open(normalized_run.path) as player:
+    with OpenPlayer.open(normalized_run.path) as player:
         normalizer = player.model.get_vec_normalize_env()
     setattr(normalizer.obs_rms, field, value)
     normalizer.save(str(file))
@@ -255,7 +247,7 @@ def test_a_run_with_a_damaged_origin_plays_and_one_with_damaged_settings_does_no
 ):
     run = piano_run(np.zeros(39), physics="fast")
     run.provenance_file.write_bytes(content)
-    with SavedPlayer.open(run.path) as player:
+    with OpenPlayer.open(run.path) as player:
         assert player.piece == "score"
     assert main(["report", str(run.path)]) == 0
     run.config_file.write_bytes(content)
@@ -267,7 +259,7 @@ def test_a_run_with_a_damaged_origin_plays_and_one_with_damaged_settings_does_no
 
 
 def play(run):
-    with SavedPlayer.open(run.path) as player:
+    with OpenPlayer.open(run.path) as player:
         player.play()
 
 

@@ -14,8 +14,8 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
 from sb3_piano.simulation import find_gl_backend
-from sb3_piano.training import Picture, play_run, play_score
-from sb3_piano.training.playing.takes import take_of_run, take_of_score
+from sb3_piano.training import OpenPlayer, Picture, play_run, play_score
+from sb3_piano.training.playing.takes import take_of, take_of_score
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
@@ -32,6 +32,11 @@ PIECE = Score(
     pedals=[Pedal(onset=1.3, offset=1.4)],
     title="three notes",
 )
+
+
+def episode_of(run, **options):
+    with OpenPlayer.open(run, **options) as player:
+        return take_of(player)
 
 
 def rest_action(score):
@@ -153,8 +158,8 @@ def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
     run = piano_run(LOUD).path
     played = play_run(run, score=PIECE, picture=None)
     assert played.folder == run / "play" / "three_notes"
-    assert take_of_run(run).performance.title == "duet"  # of the file, before it was copied
-    take = take_of_run(run, score=PIECE)
+    assert episode_of(run).performance.title == "duet"  # of the file, before it was copied
+    take = episode_of(run, score=PIECE)
     assert take.performance.title == "three notes"
     assert take.performance.roll.onset.sum() == 3
     assert len(take.qpos) == len(take.performance.roll) + 1
@@ -163,10 +168,10 @@ def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
 @pytest.mark.slow
 def test_the_seed_and_the_physics_reach_the_environment(piano_run):
     run = piano_run(LOUD, randomize_hand_positions=True).path
-    first, again, other = (take_of_run(run, seed=seed) for seed in (3, 3, 4))
+    first, again, other = (episode_of(run, seed=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.qpos, again.qpos)
     assert (first.qpos[0] != other.qpos[0]).any()
-    timestep = take_of_run(run, physics="fast").scene.model.opt.timestep
+    timestep = episode_of(run, physics="fast").scene.model.opt.timestep
     assert (first.scene.model.opt.timestep, timestep) == (0.005, 0.01)
     assert take_of_score(PIECE, physics="fast").scene.model.opt.timestep == 0.01
 

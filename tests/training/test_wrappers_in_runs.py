@@ -23,8 +23,8 @@ from sb3_piano.exceptions import RunError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.music.difficulty import read_motion
 from sb3_piano.training import (
+    OpenPlayer,
     RunFolder,
-    SavedPlayer,
     evaluate,
     play_run,
     resume,
@@ -136,7 +136,7 @@ def test_a_stack_in_yaml_is_trained_with_saved_and_put_back(tmp_path, score_file
     assert train_by_command(tmp_path, score_file) == 0
     run = RunFolder.open(tmp_path / "run")
     assert yaml.safe_load(run.config_file.read_text())["env_wrapper"] == SAVED
-    with SavedPlayer.open(run.path) as player:
+    with OpenPlayer.open(run.path) as player:
         assert_has_the_stack(player.model.get_env())
         assert player.model.observation_space.shape == (STACKED_SIZE,)
         assert player.piece == "two_notes"
@@ -155,14 +155,14 @@ def test_a_given_piece_is_played_unshifted_but_observed_by_the_runs_wrappers(
     run = train(piano_config(), tmp_path / "run", progress_bar=False).folder
     assert [e["length"] for e in evaluate(run.path).episodes] == [STACKED_STEPS]
     assert [e["length"] for e in evaluate(run.path, score=PIECE).episodes] == [STEPS]
-    with SavedPlayer.open(run.path, score=PIECE) as player:
+    with OpenPlayer.open(run.path, score=PIECE) as player:
         (recording,) = player.play()
         assert pitches(player.env.score) == PITCHES
         assert recording.performance.title == player.piece == "two notes"
         assert_has_the_stack(player.model.get_env())
     low = Score(notes=[Note(onset=0.0, offset=0.2, pitch=40)], title="low")
     with pytest.raises(RunError, match="cannot play 'low': .*40"):
-        SavedPlayer.open(run.path, score=low)
+        OpenPlayer.open(run.path, score=low)
 
 
 @pytest.mark.slow
@@ -173,7 +173,7 @@ def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_p
     config = piano_config(env_wrapper=[shortened, chosen])
     run = train(config, tmp_path / "run", progress_bar=False).folder
     titles = []
-    with SavedPlayer.open(run.path) as player:
+    with OpenPlayer.open(run.path) as player:
         assert player.piece == " or ".join(pieces)
         for seed in (5, 5, 6):
             recordings = [recording.performance.title for recording in player.play(6, seed=seed)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -16,6 +16,7 @@ from sb3_piano.lab.distillation.config import DistillConfig, PlayingSettings, Ro
 from sb3_piano.lab.distillation.teachers import Action, Teacher
 from sb3_piano.music import Score
 from sb3_piano.players import HandModel
+from sb3_piano.players.rollout import Transition, rollout
 from sb3_piano.wrappers import HandActions
 from sb3_piano.wrappers.piano import piano_of
 
@@ -72,23 +73,28 @@ def play_excerpt(
     corpus, settings = config.corpus, config.rounds[round_number]
     random = np.random.default_rng((config.seed, round_number, number))
     score = corpus.fingered(number % len(corpus))
-    observation, _ = env.reset(seed=number, options={"score": score})
-    playing = _Playing(settings, config.playing, env, random)
-    teacher.prepare()
-    steps = playing.steps(observation, teacher, learner)
-    episode, notes = as_episode(steps, env, number)
+    playing = _Playing(settings, config.playing, env, random, teacher, learner)
+    played: list[Transition] = []
+    options = {"score": score}
+    next(
+        rollout(
+            teacher,
+            env,
+            seed=number,
+            options=options,
+            disturb=playing.act,
+            on_step=played.append,
+        )
+    )
+    episode, notes = as_episode(played, env, number)
     shares = {"by_learner": playing.by_learner, "taken_over": playing.taken_over}
     counted = {name: count / len(episode) for name, count in shares.items()}
     return episode, {"excerpt": number, "noise": playing.noise, **counted, **notes}
 
 
-def play_alone(env: HandActions, score: Score, learner: HandModel) -> dict[str, Any]:
-    """Return the last info of a piece that the learner plays, with the music metrics."""
-    observation, _ = env.reset(seed=0, options={"score": score})
-    while True:
-        observation, _, terminated, truncated, info = env.step(learner.act(observation))
-        if terminated or truncated:
-            return info
+def play_alone(env: HandActions, score: Score, learner: HandModel) -> Mapping[str, float]:
+    """Return the music metrics of a piece that the learner plays."""
+    return next(rollout(learner, env, options={"score": score})).metrics
 
 
 class _Playing:
@@ -106,8 +112,11 @@ class _Playing:
         playing: PlayingSettings,
         env: HandActions,
         random: np.random.Generator,
+        teacher: Teacher,
+        learner: HandModel | None,
     ) -> None:
-        self._env, self._random, self._share = env, random, settings.learner
+        self._random, self._share = random, settings.learner
+        self._teacher, self._learner = teacher, learner
         timestep = piano_of(env, "play_excerpt").config.control_timestep
         low, high = (max(1, round(seconds / timestep)) for seconds in playing.segment)
         self._segment = low, high  # control steps
@@ -117,31 +126,21 @@ class _Playing:
         ones = np.ones(env.reach.shape)
         self._sample = CorrelatedNoise(ones, playing.noise_memory, timestep).sample
         self._std = (self.noise / unit, scale * settings.learner_noise / unit)
-        self._until, self._learner_plays, self._lost = 0, False, False
+        self._step, self._until, self._learner_plays, self._lost = 0, 0, False, False
         self.by_learner = self.taken_over = 0
 
-    def steps(
-        self, observation: npt.NDArray[np.float32], teacher: Teacher, learner: HandModel | None
-    ) -> Iterator[tuple[Any, ...]]:
-        """Yield what :func:`as_episode` wants of each step."""
-        step, over = 0, False
-        while not over:
-            label = teacher.action(step, observation)
-            noise, action = self._sample(self._random), label
-            by_learner = learner is not None and self._is_learners(step, teacher.distance(step))
-            if learner is not None and by_learner:
-                action = learner.act(observation)
-            played: Action = np.clip(action + self._std[by_learner] * noise, -1, 1)
-            played = played.astype(np.float32)
-            before = observation
-            observation, reward, terminated, truncated, info = self._env.step(played)
-            over, step = terminated or truncated, step + 1
-            yield before, played, label, float(reward), terminated, info
-        yield observation, None, None, 0.0, False, {}
+    def act(self, observation: npt.NDArray[np.float32], label: Action) -> Action:
+        """Return the action of who plays, with noise."""
+        noise, action, by_learner = self._sample(self._random), label, False
+        if self._learner is not None and self._is_learners(self._teacher.distance()):
+            action, by_learner = self._learner.act(observation), True
+        self._step += 1
+        played: Action = np.clip(action + self._std[by_learner] * noise, -1, 1)
+        return played.astype(np.float32)
 
-    def _is_learners(self, step: int, distance: float) -> bool:
-        """Return whether the learner plays a step, where the hands are so far off."""
-        if step == self._until:
+    def _is_learners(self, distance: float) -> bool:
+        """Return whether the learner plays this step, where the hands are so far off."""
+        if self._step == self._until:
             self._learner_plays = self._random.random() < self._share
             self._until += int(self._random.integers(*self._segment, endpoint=True))
         self._lost = distance > 1 or (self._lost and distance > _GIVEN_BACK)

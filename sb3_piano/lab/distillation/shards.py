@@ -126,10 +126,10 @@ def read_rows(dataset: MinariDataset) -> tuple[Float32Array, Float32Array]:
 def judge(physics: str, learner: Path, score: Score) -> tuple[str, Mapping[str, float] | None]:
     """Return a piece's title, and the metrics of a network; none of what cannot be played."""
     try:
-        info = play_alone(_env(physics, "robot"), score, HandModel.load(learner))
+        found = play_alone(_env(physics, "robot"), score, HandModel.load(learner))
     except (ScoreError, SimulationDivergedError):
         return score.title, None
-    return score.title, {name: float(info[name]) for name in JUDGED_BY}
+    return score.title, {name: found[name] for name in JUDGED_BY}
 
 
 @functools.lru_cache(maxsize=2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.distillation.config import PLANNED, PlayingSettings, TeacherSettings
 from sb3_piano.planning import PlanSettings, Tracker, plan
-from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.players.rollout import Player
+from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.wrappers import HandActions
 from sb3_piano.wrappers.piano import piano_of
 
@@ -24,20 +25,10 @@ _JOINTS = 20
 """Actuators of a hand that turn a joint; then come its slider along the keyboard and the other."""
 
 
-class Teacher(Protocol):
-    """Tells what would be right in the environment that it was made for."""
+class Teacher(Player, Protocol):
+    """A player that says in every state what would be right there."""
 
-    def prepare(self) -> None:
-        """Begin with the excerpt that the environment was reset to.
-
-        Raises:
-            ScoreError: If the teacher cannot play it.
-        """
-
-    def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
-        """Return what the teacher would do in the present state."""
-
-    def distance(self, step: int) -> float:
+    def distance(self) -> float:
         """Return how far the hands are from where the teacher wants them.
 
         At 1 the teacher takes over.
@@ -61,7 +52,7 @@ def new_teacher(
         raise ConfigError(
             f"teacher.name is {settings.name!r}: expected {PLANNED!r}, or the folder of a run."
         )
-    with SavedPlayer.open(settings.name) as player:
+    with OpenPlayer.open(settings.name) as player:
         model = player.model
         ours = env.observation_space, env.action_space
         if not isinstance(model, BaseAlgorithm) or ours != (
@@ -89,20 +80,29 @@ class PlannedTeacher:
         self._settings, self._playing, self._env = settings, playing, env
         self._piano = piano_of(env, "PlannedTeacher")
 
-    def prepare(self) -> None:
-        """Plan what the environment plays; see :meth:`Teacher.prepare`."""
-        scene = self._piano.scene
-        made = plan(self._piano.roll, scene, self._settings)
-        settings = self._settings
-        self._tracker = Tracker(made, scene, settings.feedback, settings.lift)
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: npt.NDArray[np.bool_] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[Action, Any]:
+        """Return what leads back to the plan, which is made at the beginning of an episode.
 
-    def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
-        """Return what leads back to the plan."""
-        del observation  # the plan goes by where the actuators are
-        return self._env.action_for(self._tracker.controls(step, self._positions()))
+        Raises:
+            ScoreError: If what the environment plays cannot be planned.
+        """
+        del observation, state, deterministic  # the plan goes by where the actuators are
+        piano, settings = self._piano, self._settings
+        if episode_start is not None and episode_start.any():
+            made = plan(piano.roll, piano.scene, settings)
+            self._tracker = Tracker(made, piano.scene, settings.feedback, settings.lift)
+        controls = self._tracker.controls(piano.steps_played, self._positions())
+        return self._env.action_for(controls), None
 
-    def distance(self, step: int) -> float:
+    def distance(self) -> float:
         """Return the greatest distance of a hand, relative to that of taking over."""
+        step = self._piano.steps_played
         off = (self._positions() - self._tracker.plan.positions[step]).reshape(2, -1)
         along = np.abs(off[:, _JOINTS]) / self._playing.takeover_slider
         turned = np.sqrt((off[:, :_JOINTS] ** 2).mean(axis=1)) / self._playing.takeover_joints
@@ -120,19 +120,14 @@ class RunTeacher:
         player: The run's model.
     """
 
-    def __init__(self, player: SavedPlayer) -> None:
+    def __init__(self, player: OpenPlayer) -> None:
         self._player = player
 
-    def prepare(self) -> None:
-        """Do nothing: it goes by the observation alone."""
-
-    def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
+    def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Action, Any]:
         """Return what the model plays."""
-        del step
-        action: Action = self._player.predict(observation, deterministic=True)[0]
-        return action
+        del arguments, named
+        return self._player.predict(observation, deterministic=True)
 
-    def distance(self, step: int) -> float:
+    def distance(self) -> float:
         """Return 0: it wants the hands nowhere in particular."""
-        del step
         return 0.0

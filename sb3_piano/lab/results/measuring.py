@@ -15,37 +15,29 @@ import warnings
 from collections.abc import Iterator, Mapping
 from importlib import metadata, resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import sb3_piano
 from sb3_piano.demonstrations import NoisyActions
-from sb3_piano.exceptions import ConfigError, PlanWarning
+from sb3_piano.exceptions import PlanWarning
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.results.records import Physics, Result
 from sb3_piano.music import digest, load_score, write_midi
 from sb3_piano.planning import forget_plans
-from sb3_piano.players import TreeSettings
+from sb3_piano.players import PlayerSpec
 from sb3_piano.threads import processor_label
-from sb3_piano.training.playing.player import SavedPlayer, env_to_record
-from sb3_piano.training.playing.takes import planner_config, take_of_planner
+from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import model_files
 from sb3_piano.unfinished import scratch_folder
 
-
-class _Player(NamedTuple):
-    algo: str
-    arguments: Mapping[str, int] = {}
-    tree: TreeSettings | None = None
-
-
-PLAYERS: Mapping[str, _Player] = {
-    "planned": _Player("planned"),
-    "sampling-32": _Player("sampling", {"samples": 32}),
-    "sight-reader": _Player("sight-reader"),
-    "sight-reader-tree": _Player("sight-reader", tree=TreeSettings(simulations=64, depth=8)),
+PLAYERS: Mapping[str, PlayerSpec] = {
+    "planned": PlayerSpec(name="planned"),
+    "sampling-32": PlayerSpec(name="sampling", arguments={"samples": 32}),
+    "sight-reader": PlayerSpec(name="sight-reader"),
+    "sight-reader-tree": PlayerSpec.parse("tree:64x8:sight-reader"),
 }
-"""Algorithm of each player that comes with the package, its arguments and its tree."""
+"""Players that come with the package, by their names in files of results."""
 
 GENERATED_DURATION = 20.0
 """Length of generated pieces, s."""
@@ -103,6 +95,15 @@ def score_digest(piece: str) -> str:
         return digest(load_score(source))
 
 
+def player_of(name: str) -> PlayerSpec:
+    """Return the player of a name in a file of results, or of a spec.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    return PLAYERS[name] if name in PLAYERS else PlayerSpec.parse(name)
+
+
 def player_digest(player: str) -> str | None:
     """Return the SHA-256 of the file of a player's network; ``None`` if it has none.
 
@@ -110,17 +111,15 @@ def player_digest(player: str) -> str | None:
         ConfigError: If the name is no player's and no folder.
         RunError: If there is no run in the folder, or it has no model.
     """
-    if player in PLAYERS:
-        if PLAYERS[player].algo != "sight-reader":
+    spec = player_of(player)
+    if not spec.is_run:
+        if spec.file is not None:
+            return hashlib.sha256(Path(spec.file).read_bytes()).hexdigest()
+        if spec.name != "sight-reader":
             return None
         weights = resources.files("sb3_piano.players") / "sight_reader.safetensors"
         return hashlib.sha256(weights.read_bytes()).hexdigest()
-    if not os.path.isdir(player):
-        raise ConfigError(
-            f"There is no player {player!r}: expected one of {', '.join(PLAYERS)}, or the folder "
-            "of a run."
-        )
-    run = RunFolder.open(player)
+    run = RunFolder.open(spec.name)
     model, _ = model_files(run, run.read_config())
     return hashlib.sha256(model.read_bytes()).hexdigest()
 
@@ -166,23 +165,14 @@ def _play(source: str, what: Measurement, seed: int) -> tuple[Mapping[str, float
     disturbed = None
     if what.action_noise:
         disturbed = functools.partial(NoisyActions, std=what.action_noise)
-    if what.player not in PLAYERS:
-        with SavedPlayer.open(
-            what.player, seed=seed, physics=what.physics, score=source, disturbed=disturbed
-        ) as player:
+    spec = player_of(what.player)
+    options: Any = {"seed": seed, "physics": what.physics, "score": source, "disturbed": disturbed}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlanWarning)  # notes that cannot be played as written
+        with OpenPlayer.open(spec, **options) as player:  # which compiles the scene, once
             start = time.process_time()
             (recording,) = player.play()
             return recording.metrics, time.process_time() - start
-    algo, arguments, tree = PLAYERS[what.player]
-    config = planner_config(
-        source, algo, seed=seed, env_kwargs={"physics": what.physics}, **arguments
-    )
-    env_to_record(config).close()  # compiles the scene, once in a process
-    start = time.process_time()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PlanWarning)  # notes that cannot be played as written
-        metrics = take_of_planner(config, tree=tree, innermost=disturbed).metrics
-    return metrics, time.process_time() - start
 
 
 def command(what: Measurement) -> str:

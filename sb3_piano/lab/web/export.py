@@ -33,7 +33,7 @@ from sb3_piano.planning import Plan
 from sb3_piano.players import TreeSettings
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER
 from sb3_piano.simulation import PianoScene, compile_scene
-from sb3_piano.training.playing.takes import PLANNED_IN
+from sb3_piano.training.playing.player import PLANNED_IN
 from sb3_piano.viewing.stage_files import stage_files
 
 DEFAULT_PIECES = ("repertoire", "scale-CMajor", "hanon-01")

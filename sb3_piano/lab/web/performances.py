@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 import safetensors.numpy
 
-from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.music import Score
 from sb3_piano.planning import Plan, PlanSettings, Tracker, Trackers
 from sb3_piano.planning.hand_plan import HandPlan
 from sb3_piano.planning.pianist import action_of
-from sb3_piano.players import TreeSearch, TreeSettings, make_player
+from sb3_piano.players import Player, PlayerSpec, TreeSettings, rollout
 from sb3_piano.players.hand_model import SIGHT_READER
-from sb3_piano.training.playing.takes import PLANNED_IN
+from sb3_piano.training.playing.player import PLANNED_IN
 
 # Gains make up most of a plan; rounded to 1/254 of the largest they take a quarter of the room.
 _GAIN_STEPS = 127
@@ -52,17 +52,9 @@ def sight_read(score: Score, tree: TreeSettings | None = None) -> WebPerformance
     Raises:
         ScoreError: If the score cannot be played.
     """
-    with _stage(score) as (env, _):
-        reader = make_player(SIGHT_READER, env)
-        player = reader if tree is None else TreeSearch(reader, env, tree)
-        state = None
-
-        def act(observation: Any) -> Any:
-            nonlocal state
-            action, state = player.predict(observation, state)
-            return action
-
-        return _performance(env, act)
+    spec = PlayerSpec(name=SIGHT_READER, tree=tree)
+    with contextlib.closing(PianoEnv(score, **PLANNED_IN)) as env:
+        return _performance(spec.make(env), env)
 
 
 def follow_plan(score: Score) -> tuple[WebPerformance, Plan]:
@@ -73,18 +65,26 @@ def follow_plan(score: Score) -> tuple[WebPerformance, Plan]:
     Raises:
         ScoreError: If the score cannot be played.
     """
-    with _stage(score) as (env, piano):
+    with contextlib.closing(PianoEnv(score, **PLANNED_IN)) as env:
+        env.reset(seed=0)
         settings = PlanSettings()
-        plan = rounded(Trackers(settings).of(piano).plan)
-        tracker = Tracker(plan, piano.scene, settings.feedback)
+        plan = rounded(Trackers(settings).of(env).plan)
+        return _performance(_Follower(env, Tracker(plan, env.scene, settings.feedback)), env), plan
 
-        def act(observation: Any) -> Any:
-            del observation  # which has the same positions, with fewer digits
-            step = piano.steps_played
-            controls = tracker.controls(step, piano.data.actuator_length)
-            return action_of(piano, controls, tracker, step)
 
-        return _performance(env, act), plan
+@dataclass(frozen=True)
+class _Follower:
+    """Follows a plan by its feedback alone."""
+
+    piano: PianoEnv
+    tracker: Tracker
+
+    def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Any, Any]:
+        """Return what leads along the plan."""
+        del observation, arguments, named  # it has the same positions, with fewer digits
+        step = self.piano.steps_played
+        controls = self.tracker.controls(step, self.piano.data.actuator_length)
+        return action_of(self.piano, controls, self.tracker, step), None
 
 
 def rounded(plan: Plan) -> Plan:
@@ -117,23 +117,16 @@ def recording_file(performance: WebPerformance) -> bytes:
     return safetensors.numpy.save(tensors, {"state_every": str(_STATE_EVERY)})
 
 
-@contextlib.contextmanager
-def _stage(score: Score) -> Iterator[tuple[EpisodeRecorder, PianoEnv]]:
-    """Give the environment in which the page's pieces are played, and the piano in it."""
-    piano = PianoEnv(score, **PLANNED_IN)
-    with contextlib.closing(EpisodeRecorder(piano)) as env:
-        yield env, piano
-
-
-def _performance(env: EpisodeRecorder, act: Callable[[Any], Any]) -> WebPerformance:
-    observation, _ = env.reset(seed=0)
-    piano: Any = env.unwrapped
+def _performance(player: Player, piano: PianoEnv) -> WebPerformance:
     states = []
-    while not env.finished:
-        if piano.steps_played % _STATE_EVERY == 0:
+
+    def note_state(_: object = None) -> None:
+        if piano.steps_played % _STATE_EVERY == 0 and piano.steps_played < len(piano.roll):
             states.append(np.concatenate([piano.data.qpos, piano.data.qvel]))
-        observation, *_ = env.step(act(observation))
-    (recording,) = env.finished
+
+    played = rollout(player, piano, on_step=note_state)
+    note_state()
+    recording = next(played)
     assert recording.motion is not None, "a piano's episode has a motion"
     return WebPerformance(
         score=piano.score,

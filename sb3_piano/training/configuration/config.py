@@ -1,4 +1,4 @@
-"""Settings of runs: of a training, and of what plays without any."""
+"""Settings of a training."""
 
 from __future__ import annotations
 
@@ -20,11 +20,9 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.players import player_class
-from sb3_piano.settings import Count, Index, NotNegative, Whole, checked, settings
+from sb3_piano.settings import Count, Index, NotNegative, Whole, settings
 from sb3_piano.threads import MatmulPrecision
 from sb3_piano.training.configuration.env_spec import (
-    MODEL,
     Arguments,
     EnvSpec,
     Pieces,
@@ -32,7 +30,7 @@ from sb3_piano.training.configuration.env_spec import (
     plugins_below,
     read_arguments,
 )
-from sb3_piano.training.configuration.names import PLANNERS, algorithm_class
+from sb3_piano.training.configuration.names import algorithm_class
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.values import check_arguments, class_of, plain
 from sb3_piano.vec_env import HandsAsAgents
@@ -48,9 +46,6 @@ def _arguments_of(function: Callable[..., Any], *reserved: str) -> BeforeValidat
 
 
 _Plugins = tuple[Plugin, ...]
-
-PLAN = "plan"
-"""What stands for a file of a plan, which is followed."""
 
 # What a run sets itself.
 _OF_MONITOR = ("env", "filename", "override_existing", "reset_keywords")
@@ -221,85 +216,6 @@ class RunConfig:
         return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
 
 
-@settings
-class PlannedConfig:
-    """All settings of a run that plays without training.
-
-    ``algo`` is one of :data:`~sb3_piano.training.PLANNERS`.
-
-    Raises:
-        ConfigError: If a setting is unknown, has the wrong type or is out of range.
-    """
-
-    algo: str
-    """Name of what plays."""
-    env_id: str
-    """Id of the environment; ``module:Id`` imports the module that registers it."""
-    env_module: str | None = None
-    """Module to import before the environment is made."""
-    seed: Index | None = None
-    """Seed of everything random, at least 0."""
-    env_kwargs: Arguments = field(default_factory=dict)
-    """Keyword arguments of the environment."""
-    env_wrapper: Wrappers = ()
-    """Wrappers put around the environment, the first one innermost."""
-    algorithm_kwargs: Arguments = field(default_factory=dict)
-    """Arguments of the constructor of what plays."""
-
-    def __post_init__(self) -> None:
-        _set(self, env_module=self.env.module, env_id=self.env.id)
-        checked("algo", self.algo, Literal[PLANNERS])
-        _fit_arguments(self, player_class(self.algo))
-
-    @functools.cached_property
-    def env(self) -> EnvSpec:
-        """The environment."""
-        return EnvSpec(
-            id=self.env_id,
-            module=self.env_module,
-            options=self.env_kwargs,
-            wrappers=self.env_wrapper,
-        )
-
-    @property
-    def labels(self) -> dict[str, str]:
-        """Identity of the run, by which its files are recognised."""
-        return {"algo": self.algo, "env_id": self.env_id}
-
-    def in_env(self, **options: Any) -> Self:
-        """Return the settings with other options of the environment."""
-        return dataclasses.replace(self, env_kwargs={**self.env_kwargs, **options})
-
-    def alone(self) -> Self:
-        """Return the settings for one environment, which these are."""
-        return self
-
-    @property
-    def files(self) -> dict[str, str]:
-        """What may name files, the network that plays and the plan that is followed among them."""
-        own = {name: self.algorithm_kwargs.get(name) for name in (MODEL, PLAN)}
-        return self.env.files | {name: text for name, text in own.items() if isinstance(text, str)}
-
-    def with_files(self, files: Mapping[str, str]) -> Self:
-        """Return the settings with other files in place of some of :attr:`files`."""
-        own = {name: file for name, file in files.items() if name in (PLAN, MODEL)}
-        env = self.env.with_files({n: file for n, file in files.items() if n not in own})
-        return dataclasses.replace(self.playing(**own), **_flat(env))
-
-    def playing(self, **arguments: Any) -> Self:
-        """Return the settings with other arguments of what plays."""
-        kwargs = {**self.algorithm_kwargs, **arguments}
-        return dataclasses.replace(self, algorithm_kwargs=kwargs)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the config in YAML's types, which the class can be called with again."""
-        return _in_yaml(self)
-
-
-PlayConfig = RunConfig | PlannedConfig
-"""Settings of a run: of a training, or of what plays without any."""
-
-
 def _flat(env: EnvSpec) -> dict[str, Any]:
     """Return an environment as the settings of a run have it, but for pieces."""
     names = {"env_id": env.id, "env_module": env.module}
@@ -311,7 +227,7 @@ def _set(config: Any, **values: Any) -> None:
         object.__setattr__(config, name, value)
 
 
-def _fit_arguments(config: PlayConfig, made: type) -> dict[str, Any]:
+def _fit_arguments(config: RunConfig, made: type) -> dict[str, Any]:
     """Fit ``algorithm_kwargs`` to the constructor of what plays; return them."""
     others = [f.name for f in dataclasses.fields(config) if f.name != "algorithm_kwargs"]
     arguments = check_arguments(
@@ -321,7 +237,7 @@ def _fit_arguments(config: PlayConfig, made: type) -> dict[str, Any]:
     return arguments
 
 
-def _in_yaml(config: PlayConfig) -> dict[str, Any]:
+def _in_yaml(config: RunConfig) -> dict[str, Any]:
     mapping = {f.name: getattr(config, f.name) for f in dataclasses.fields(config)}
     for name, value in mapping.items():
         if isinstance(value, tuple):

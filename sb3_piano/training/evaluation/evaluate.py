@@ -21,32 +21,34 @@ from sb3_piano.links import make_folder
 from sb3_piano.metrics import Losses
 from sb3_piano.music import Score, is_path, load_score, write_midi
 from sb3_piano.music.difficulty import write_motion
-from sb3_piano.players import TreeSettings
+from sb3_piano.players import PLAYERS, PlayerSpec
 from sb3_piano.settings import Count, Index, checked
-from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.evaluation.evaluations import Evaluation, Evaluations, Failure
 from sb3_piano.training.evaluation.piece import Episode, play_piece, summaries
-from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.training.runs.folder import RunFolder
 
 _log = logging.getLogger(__name__)
 
 Seeds = int | Sequence[int]
 
+_Player = PlayerSpec | str | os.PathLike[str]
+
 
 def evaluate(
-    folder: str | os.PathLike[str],
+    player: _Player,
     episodes: int = 1,
     seed: Seeds = 0,
     *,
+    env: EnvSpec | None = None,
     physics: str | None = None,
     score: Score | str | os.PathLike[str] | None = None,
     best: str | None = None,
-    tree: TreeSettings | None = None,
     motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluation:
-    """Let a run's saved model play, without exploring, and say how well it did.
+    """Let a run's saved model, or another player, play without exploring; say how well it did.
 
     The environment has the run's wrappers and normalisation; returns and metrics are those of the
     bare environment inside. A run of several ``pieces`` plays each of them. Unless another piece or
@@ -58,14 +60,15 @@ def evaluate(
     the first one it is a ``KeyboardInterrupt`` as everywhere.
 
     Args:
-        folder: The run's folder.
+        player: The run's folder, or the spec of another player such as "tree:64x8:runs/td3/x" or
+            "sight-reader", which needs a ``score``.
         episodes: How many episodes of a piece to play from each seed, at least 1.
         seed: Seeds the environment, at least 0; of several, each is used once. The resting hands
             get the first one.
+        env: Where players without a run play, as for :meth:`~sb3_piano.training.OpenPlayer.open`.
         physics: Name of the physics profile to play on; by default the run's own.
         score: What to play in place of the run's own piece.
         best: Play the best model by this metric, such as "f1", in place of the last one.
-        tree: Let the model look ahead, see :class:`~sb3_piano.players.TreeSearch`.
         motion: Also write ``evaluation/performance_<i>.npz``, how everything moved (see
             :mod:`sb3_piano.music.difficulty`).
         on_episode: Is called after each episode.
@@ -78,14 +81,14 @@ def evaluate(
         ScoreError: If the score cannot be read.
     """
     evaluation, _ = _evaluated(
-        Path(folder),
+        player,
         _checked(seed, episodes),
         score,
         go_on=False,
+        env=env,
         physics=physics,
         best=best,
         episodes=episodes,
-        tree=tree,
         motion=motion,
         on_episode=on_episode,
     )
@@ -93,18 +96,18 @@ def evaluate(
 
 
 def evaluate_runs(
-    folders: Sequence[str | os.PathLike[str]],
+    players: Sequence[_Player],
     episodes: int = 1,
     seeds: Seeds = 0,
     *,
+    env: EnvSpec | None = None,
     physics: str | None = None,
     scores: Sequence[Score | str | os.PathLike[str]] = (),
     best: str | None = None,
-    tree: TreeSettings | None = None,
     motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluations:
-    """Evaluate several runs, each on its own piece or pieces, or on the given ones.
+    """Evaluate several runs, or players, each on its own piece or pieces, or on the given ones.
 
     What cannot be evaluated, a piece or a run, does not stop the others. Ctrl-C does, and all that
     was played until then is returned. Arguments, files in the runs' folders and errors are those of
@@ -112,15 +115,16 @@ def evaluate_runs(
     of the runs' own pieces, and nothing of a run of which one piece failed.
     """
     seeds = _checked(seeds, episodes)
-    runs = [Path(folder) for folder in folders]
-    for run in runs:
-        if list(map(os.path.realpath, runs)).count(os.path.realpath(run)) > 1:
-            raise ConfigError(f"Run '{run}' is given twice: expected each run once.")
+    texts = list(map(str, players))
+    names = [t if t.partition(":")[0] in (*PLAYERS, "tree") else os.path.realpath(t) for t in texts]
+    for player, name in zip(players, names, strict=True):
+        if names.count(name) > 1:
+            raise ConfigError(f"Run '{player}' is given twice: expected each run once.")
     given: Sequence[Score | None] = _distinct(scores) or [None]
     found: list[Evaluation] = []
     failures: list[Failure] = []
     interrupted = False
-    for run, piece in itertools.product(runs, given):
+    for run, piece in itertools.product(players, given):
         errors: list[_Error] = []
         try:
             evaluation, errors = _evaluated(
@@ -128,10 +132,10 @@ def evaluate_runs(
                 seeds,
                 piece,
                 go_on=True,
+                env=env,
                 physics=physics,
                 best=best,
                 episodes=episodes,
-                tree=tree,
                 motion=motion,
                 on_episode=on_episode,
             )
@@ -166,8 +170,7 @@ def pieces_of(run: RunFolder) -> Sequence[str | None]:
         ConfigError: If its settings are damaged.
     """
     config = run.read_config()
-    several = config.pieces if isinstance(config, RunConfig) else ()
-    return several if len(several) > 1 else [None]
+    return config.pieces if len(config.pieces) > 1 else [None]
 
 
 def _as_trained(run: RunFolder, piece: str | None, pieces: Sequence[str | None]) -> Score | None:
@@ -193,23 +196,23 @@ _Task = tuple[str | None, Callable[[], Score | str | os.PathLike[str] | None]]
 """The name of a piece, if it has one, and what gives what is to be played in its place."""
 
 
-def _failure(run: Path, piece: str | None, error: Exception) -> Failure:
+def _failure(run: _Player, piece: str | None, error: Exception) -> Failure:
     known = isinstance(error, SB3PianoError)
     if not known:
         _log.error("Evaluating run '%s' failed.", run, exc_info=error)
-    return Failure(run=run, piece=piece, reason=str(error) if known else repr(error))
+    return Failure(run=Path(str(run)), piece=piece, reason=str(error) if known else repr(error))
 
 
 def _evaluated(
-    folder: Path,
+    who: _Player,
     seeds: Sequence[int],
     score: Score | str | os.PathLike[str] | None,
     *,
     go_on: bool,
+    env: EnvSpec | None,
     physics: str | None,
     best: str | None,
     episodes: int,
-    tree: TreeSettings | None,
     motion: bool,
     on_episode: Callable[[], object],
 ) -> tuple[Evaluation, list[_Error]]:
@@ -218,27 +221,31 @@ def _evaluated(
     Whether to go on after an error is the caller's choice; if all fails, the first one is raised.
     The other arguments are those of :func:`evaluate`.
     """
-    alone = score is None and tree is None
+    player = who if isinstance(who, PlayerSpec) else PlayerSpec.parse(who)
+    tree = player.tree
+    alone = score is None and tree is None and player.is_run
     if motion and not alone:
         raise ConfigError(
             f"Of {'another piece' if tree is None else 'a tree search'} no motion is written: "
             "expected the run's own piece, without a tree."
         )
-    run = RunFolder.open(folder)
-    own = pieces_of(run) if score is None else ()
-    tasks: list[_Task] = [(piece, partial(_as_trained, run, piece, own)) for piece in own]
-    if score is not None:
-        tasks = [(score if isinstance(score, str) else None, lambda: score)]
-    options: dict[str, Any] = {"seed": seeds[0], "physics": physics, "best": best, "tree": tree}
+    run = RunFolder.open(player.name) if player.is_run else None
+    tasks: list[_Task] = [(None, lambda: score)]
+    if isinstance(score, str):
+        tasks = [(score, lambda: score)]
+    elif score is None and run is not None and run.read_player() is None:
+        own = pieces_of(run)
+        tasks = [(piece, partial(_as_trained, run, piece, own)) for piece in own]
+    options: dict[str, Any] = {"seed": seeds[0], "physics": physics, "best": best}
     errors: list[_Error] = []
 
     def play(task: _Task) -> _Played | None:
         name, source = task
         try:
-            with SavedPlayer.open(run.path, score=source(), **options) as player:
-                if alone:
+            with OpenPlayer.open(player, env, score=source(), **options) as opened:
+                if alone and run is not None:
                     _try_out(run.evaluation_dir)  # before the work of playing
-                return play_piece(player, episodes, seeds, tree, motion, on_episode)
+                return play_piece(opened, episodes, seeds, motion, on_episode)
         except Exception as error:
             if not go_on:
                 raise
@@ -248,7 +255,7 @@ def _evaluated(
     played, interrupted = _until_ctrl_c(map(play, tasks))
     if not played:
         raise errors[0][1]
-    if not alone or errors:
+    if run is None or not alone or errors:
         return _whole([found for found, _ in played], len(tasks), interrupted), errors
     with _told_if_unwritable(run.evaluation_dir):
         file = run.evaluation_dir / "metrics.json"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from sb3_piano.envs import Recording
@@ -11,10 +11,10 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.metrics import Losses, has_value
 from sb3_piano.music import Score
 from sb3_piano.music.difficulty import MotionRecording
-from sb3_piano.players import TreeSearch, TreeSettings
+from sb3_piano.players import TreeSearch
 from sb3_piano.training.evaluation.evaluations import Evaluation
 from sb3_piano.training.evaluation.statistics import Summary, summarize
-from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.playing.player import OpenPlayer
 
 
 class Episode(NamedTuple):
@@ -28,10 +28,9 @@ class Episode(NamedTuple):
 
 
 def play_piece(
-    player: SavedPlayer,
+    player: OpenPlayer,
     episodes: int,
     seeds: Sequence[int],
-    tree: TreeSettings | None,
     motion: bool,
     on_episode: Callable[[], object],
 ) -> tuple[Evaluation, list[Episode]]:
@@ -43,7 +42,7 @@ def play_piece(
     """
     played, resting = _played(player, episodes, seeds, motion, on_episode)
     whole = len(played) == episodes * len(seeds)
-    return _evaluation(player, played, resting, tree, interrupted=not whole), played
+    return _evaluation(player, played, resting, interrupted=not whole), played
 
 
 def summaries(metrics: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
@@ -58,7 +57,7 @@ def summaries(metrics: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
 
 
 def _played(
-    player: SavedPlayer,
+    player: OpenPlayer,
     episodes: int,
     seeds: Sequence[int],
     motion: bool,
@@ -68,10 +67,10 @@ def _played(
     played: list[Episode] = []
     resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
     if motion and resting is None:
-        raise ConfigError(f"Run '{player.run.path}' is of no piano: expected no motion=True.")
+        raise ConfigError(f"{player.named} is of no piano: expected no motion=True.")
     try:
         for one in seeds:
-            for recording in itertools.islice(player.episodes(seed=one), episodes):
+            for recording in player.episodes(episodes, seed=one):
                 moved = _motion(recording) if motion else None
                 performance = recording.performance
                 score_played = None if performance is None else performance.to_score()
@@ -85,23 +84,23 @@ def _played(
 
 
 def _evaluation(
-    player: SavedPlayer,
+    player: OpenPlayer,
     played: Sequence[Episode],
     resting: Recording | None,
-    tree: TreeSettings | None,
     *,
     interrupted: bool,
 ) -> Evaluation:
     """Return the evaluation of episodes of one piece."""
+    tree = player.spec.tree
     metrics = [episode.metrics for episode in played]
     losses = [episode.losses for episode in played if episode.losses is not None]
     return Evaluation(
-        run=player.run.path,
-        algo=player.config.algo if tree is None else f"{player.config.algo}, tree {tree}",
+        run=Path(str(player.spec)) if player.run is None else player.run.path,
+        algo=player.algo if tree is None else f"{player.algo}, tree {tree}",
         piece=player.piece,
         num_timesteps=player.num_timesteps,
-        training_seed=player.run.read_config().seed,  # that of the player is its own
-        env_kwargs=player.config.env_kwargs,
+        training_seed=player.training_seed,
+        env_kwargs=player.env_spec.options,
         episodes=tuple(metrics),
         episode_seeds=tuple(episode.seed for episode in played),
         summary=summaries(metrics),

@@ -16,11 +16,12 @@ from sb3_piano.envs import PianoEnv, Recording
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
 from sb3_piano.links import make_folder
-from sb3_piano.music import load_score
+from sb3_piano.music import Score, load_score
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.performance import Performance
-from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.players import PlayerSpec
+from sb3_piano.training.playing.player import OpenPlayer, Source
 from sb3_piano.training.playing.takes import default_folder
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.provenance import provenance
@@ -29,53 +30,59 @@ from sb3_piano.viewing.report.replay import Replay, player_script, replay_of
 
 
 def write_report(
-    folder: str | os.PathLike[str],
+    player: PlayerSpec | str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
     *,
     seed: int = 0,
     physics: str | None = None,
+    score: Source | None = None,
     best: str | None = None,
     replay: bool = False,
 ) -> Path:
-    """Let a run's saved model play an episode, and write what there is to see into an HTML file.
+    """Let a run's saved model, or another player, play; write what there is to see as HTML.
 
-    The file, by default ``evaluation/report.html`` in the run's folder, needs nothing else, also no
-    network. The resting hands get the same seed. With ``replay`` the page also shows the
-    performance in three dimensions. The other arguments, and errors, are those of
-    :func:`~sb3_piano.training.play_run`.
+    The file needs nothing else, also no network. The resting hands get the same seed. With
+    ``replay`` the page also shows the performance in three dimensions. By default the file is
+    ``evaluation/report.html`` in the run's folder, or ``report.html`` in that of
+    :func:`~sb3_piano.training.play_run`, whose arguments and errors are the same.
 
     Raises:
         ConfigError: If the package was installed without the player of replays.
     """
     script = player_script() if replay else None  # what is missing is told before anything plays
-    with SavedPlayer.open(folder, seed=seed, physics=physics, best=best) as player:
-        run, env = player.run, player.env
-        if not isinstance(env, PianoEnv):
+    with OpenPlayer.open(player, seed=seed, physics=physics, score=score, best=best) as opened:
+        if not isinstance(opened.env, PianoEnv):
             raise RunError(
-                f"Run '{run.path}' has no music to show: its environment "
-                f"{player.config.env_id!r} is no piano. Expected a run of a piano environment."
+                f"{opened.named} has no music to show: its environment {opened.env_spec.id!r} is "
+                "no piano. Expected a run of a piano environment."
             )
-        played, baseline = player.play()[0], player.rest()
+        env, (played,), baseline = opened.piano, opened.play(), opened.rest()
         performance = played.performance
         assert performance is not None, "a piano's episode is recorded"
-        facts, commands = _origin(
-            player, env.config.physics, seed, {"--physics": physics, "--best": best}, replay
-        )
+        given = {"--physics": physics, "--best": best, "--score": _text_of(score)}
+        facts, commands = _origin(opened, env.config.physics, seed, given, replay)
+        trained = f" after {opened.num_timesteps:,} steps of training" if opened.run else ""
         report = Report(
             performance=performance,
             metrics=played.metrics,
             baseline=None if baseline is None else baseline.metrics,
-            curves=training_curves(run),
+            curves={} if opened.run is None else training_curves(opened.run),
             subtitle=(
-                f"{player.config.algo.upper()} after {player.num_timesteps:,} steps of training · "
-                f"{env.config.physics} physics · seed {seed}"
+                f"{opened.algo.upper()}{trained} · {env.config.physics} physics · seed {seed}"
             ),
             facts=facts,
             commands=commands,
             replay=None if script is None else _replay(env, performance, played, script),
         )
-    path = run.evaluation_dir / "report.html" if out is None else Path(out)
+        own = default_folder(opened, None) if opened.run is None else opened.run.evaluation_dir
+    path = own / "report.html" if out is None else Path(out)
     return _write(path, report_html(report), own_folder=out is None)
+
+
+def _text_of(score: Source | None) -> str | None:
+    if isinstance(score, Score):
+        return score.title
+    return None if score is None else os.fspath(score)
 
 
 def _replay(env: PianoEnv, performance: Performance, played: Recording, script: str) -> Replay:
@@ -156,37 +163,43 @@ Texts = list[tuple[str, str]]
 
 
 def _origin(
-    player: SavedPlayer,
+    player: OpenPlayer,
     physics: str,
     seed: int,
     options: Mapping[str, str | None],
     replay: bool,
 ) -> tuple[Texts, Texts]:
     """Return the facts of a report, and the commands, with their options, to do it again."""
-    config, run = player.config, player.run
-    notes = run.read_provenance()
+    notes = {} if player.run is None else player.run.read_provenance()
     now = provenance(seed)
     best = options["--best"]
+    who = str(player.spec if player.run is None else player.run.path)
     facts = {
         "Piece": player.piece,
-        "Environment": config.env_id,
-        "Algorithm": config.algo,
+        "Environment": player.env_spec.id,
+        "Algorithm" if player.run else "Player": player.algo if player.run else who,
         "Steps trained": f"{player.num_timesteps:,}",
-        "Model": "the last one" if best is None else f"best by {best}",
         "Physics": physics,
-        "Seed": f"{seed} (of the training: {notes.get('seed', 'unknown')})",
-        "Run": str(run.path),
-        "Trained": str(notes.get("created", "unknown")),
-        "Trained with": _versions(notes.get("versions")),
+        "Seed": str(seed),
         "Played": now["created"],
         "Played with": _versions(now["versions"]),
     }
-    again = ["sb3-piano", "report", str(run.path), "--seed", str(seed)]
+    if player.run is not None:
+        facts |= {
+            "Model": "the last one" if best is None else f"best by {best}",
+            "Seed": f"{seed} (of the training: {notes.get('seed', 'unknown')})",
+            "Run": who,
+            "Trained": str(notes.get("created", "unknown")),
+            "Trained with": _versions(notes.get("versions")),
+        }
+    again = ["sb3-piano", "report", who, "--seed", str(seed)]
     for option, value in options.items():
         again += [] if value is None else [option, value]
     again += ["--3d"] if replay else []
-    training = str(notes.get("command", "unknown"))
-    return list(facts.items()), [("Training", training), ("This report", shlex.join(again))]
+    commands = [("This report", shlex.join(again))]
+    if player.run is not None:
+        commands.insert(0, ("Training", str(notes.get("command", "unknown"))))
+    return list(facts.items()), commands
 
 
 def _versions(versions: object) -> str:

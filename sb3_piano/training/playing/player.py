@@ -1,44 +1,34 @@
-"""A run's saved model, or what plays in it without training, ready to play."""
+"""Players opened to play: each in its environment, whose performances are recorded."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import itertools
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import gymnasium as gym
-import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.demonstrations import PerturbedStart
-from sb3_piano.demonstrations.recording import Predictor
-from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
+from sb3_piano.envs import GENERAL_ID, EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.files import read_file, write_bytes
 from sb3_piano.jobs.folders import unwritable
 from sb3_piano.layers import layers
-from sb3_piano.music import Score, load_score
-from sb3_piano.planning import PianoPolicy
-from sb3_piano.players import HandModel, TreeSearch, TreeSettings
+from sb3_piano.music import Score, is_path, load_score
+from sb3_piano.players import HandModel, Player, PlayerSpec, Transition, TreeSearch, rollout
+from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
-from sb3_piano.training.configuration.env_spec import BASE
-from sb3_piano.training.runs.builders import (
-    Env,
-    build_planner,
-    build_vec_env,
-    one_env,
-    refuse_other_vectors,
-)
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.env_spec import BASE, EnvSpec
+from sb3_piano.training.runs.builders import Env, build_vec_env, one_env, refuse_other_vectors
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import (
     act,
@@ -47,32 +37,71 @@ from sb3_piano.training.runs.saved import (
     model_files,
     pack_weights,
 )
+from sb3_piano.wrappers import HandActions
 from sb3_piano.wrappers.residual import Residual
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
+PLANNED_IN: Mapping[str, Any] = {
+    "reduced_action_space": False,
+    "initial_buffer_time": 0.5,
+    "fingering": "robot",
+}
+"""Options of the environments in which players play a piece unless told otherwise: all joints, half
+a second to get to the first note, and the fingers that suit the hands."""
+
+Source = Score | str | os.PathLike[str]
+
+
+def stage_for(piece: Any, *, defaults: Mapping[str, Any] = PLANNED_IN, **options: Any) -> EnvSpec:
+    """Return where players play a piece: an environment by its id, a file, a name or a score.
+
+    ``options`` of the environment come before the ``defaults``.
+
+    Raises:
+        ConfigError: If there is no such file, or an option does not fit.
+    """
+    if isinstance(piece, str) and piece in gym.registry:
+        return EnvSpec(id=piece, options={**defaults, **options})
+    if isinstance(piece, Score):
+        piece = dataclasses.asdict(piece)
+    elif is_path(piece) and not os.path.exists(piece):
+        raise ConfigError(
+            f"There is no {os.fspath(piece)!r}: expected an environment's id, a file such as a "
+            "MIDI file, or the name of a piece (see 'sb3-piano pieces list')."
+        )
+    return EnvSpec(id=GENERAL_ID, options={**defaults, "score": piece, **options})
+
 
 @dataclass(kw_only=True, eq=False)
-class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
-    """The saved model of a run in its own environment, playing without exploring.
+class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
+    """A player in its environment, playing without exploring.
 
-    The environment has the run's wrappers and normalisation; what is recorded is that of the bare
-    environment inside::
+    A run's model plays with the run's wrappers and normalisation; what is recorded is that of the
+    bare environment inside::
 
-        with SavedPlayer.open("runs/td3/RoboPianist-v0_1") as player:
+        with OpenPlayer.open("runs/td3/RoboPianist-v0_1") as player:
             recordings = player.play(episodes=3)
 
     :meth:`open` makes one.
     """
 
-    run: RunFolder
-    """The run's folder."""
-    config: PlayConfig
-    """The run's settings as they are played: one environment, the given physics."""
+    spec: PlayerSpec
+    """Who plays."""
+    env_spec: EnvSpec
+    """Where."""
+    seed: int
+    """The seed from which it plays unless another is given."""
+    run: RunFolder | None
+    """The folder of the run whose model plays; ``None`` of any other player."""
+    algo: str
+    """Name of the algorithm that trained it, or its own."""
+    training_seed: int | None
+    """Seed of its training, if it was trained."""
     piece: str
     """The name of what is played, of several pieces joined by "or"; the environment's id if it is
     no piano."""
-    model: BaseAlgorithm | PianoPolicy
-    """The saved model, or what plays without training."""
+    model: Any
+    """What plays: a model of Stable-Baselines3, or a player of this package."""
     _titles: Mapping[str, str]
     """Titles of scores whose files were copied, by the titles of the copies."""
     _venv: VecEnv
@@ -81,31 +110,80 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     @classmethod
     def open(
         cls,
-        folder: str | os.PathLike[str],
+        player: PlayerSpec | str | os.PathLike[str],
+        env: EnvSpec | None = None,
         *,
         seed: int = 0,
         physics: str | None = None,
-        score: Score | str | os.PathLike[str] | None = None,
+        score: Source | None = None,
         best: str | None = None,
-        tree: TreeSettings | None = None,
         disturbed: EnvWrapper | None = None,
-    ) -> SavedPlayer:
-        """Return the player of a run.
+    ) -> OpenPlayer:
+        """Return a player in its environment.
 
-        Another piece comes in through the environment's ``reset``, so that an observation that
-        was fitted to the run's own piece keeps its meaning. Arguments are those of
-        :func:`~sb3_piano.training.play_run`; :meth:`play` may be given another seed. ``disturbed``
-        is put around the bare environment.
+        Args:
+            player: Who plays: a spec, or its text, such as the folder of a run.
+            env: Where; by default a run's own environment, and for other players that of
+                :func:`stage_for` the score.
+            seed: Seeds the environment and the player, at least 0.
+            physics: Name of the physics profile to play on; by default the environment's own.
+            score: What to play in place of the environment's own piece. In a run's environment it
+                comes in through ``reset``, so that an observation that was fitted to the run's own
+                piece keeps its meaning.
+            best: Play a run's best model by this metric, such as "f1", in place of the last one.
+            disturbed: Is put around the bare environment.
 
         Raises:
-            ConfigError: If ``seed`` is out of range, the run's config is damaged, or a piece is
-                given to an environment that is no piano.
+            ConfigError: If ``seed`` is out of range, a run's config is damaged, there is nothing to
+                play, or a piece is given to an environment that is no piano.
             RunError: If there is no run, it has no model that can be loaded, or what it observes
                 cannot show the piece.
             ScoreError: If the score cannot be read.
         """
-        run = RunFolder.open(folder)
-        config = dataclasses.replace(run.read_config().alone(), seed=seed)
+        spec = player if isinstance(player, PlayerSpec) else PlayerSpec.parse(player)
+        checked("seed", seed, Index)
+        run = RunFolder.open(spec.name) if spec.is_run else None
+        former = None if run is None else run.read_player()
+        if former is not None:  # of versions that made a folder for a player, too
+            planned, of_player = former
+            spec, env, run = dataclasses.replace(planned, tree=spec.tree), env or of_player, None
+        if run is not None:
+            return cls._of_run(spec, run, seed, physics, score, best, disturbed)
+        if best is not None:
+            raise RunError(
+                f"The player '{spec}' has no best model by {best!r}: expected a run, or no metric."
+            )
+        if env is None:
+            if score is None:
+                raise ConfigError(
+                    f"The player '{spec}' has nothing to play: expected a piece, or an environment."
+                )
+            env = stage_for(score if isinstance(score, Score) else os.fspath(score))
+        elif score is not None:
+            env = env.for_others().with_options(score=stage_for(score).options["score"])
+        if physics is not None:
+            env = env.with_options(physics=physics)
+
+        def innermost(bare: Env) -> EpisodeRecorder:
+            return EpisodeRecorder(bare if disturbed is None else disturbed(bare))
+
+        venv = one_env(env, seed, innermost)
+        with _closed_if_it_fails(venv):
+            return cls._in(spec, env, venv, spec.make(venv, seed), seed, algo=spec.name)
+
+    @classmethod
+    def _of_run(
+        cls,
+        spec: PlayerSpec,
+        run: RunFolder,
+        seed: int,
+        physics: str | None,
+        score: Source | None,
+        best: str | None,
+        disturbed: EnvWrapper | None,
+    ) -> OpenPlayer:
+        trained = run.read_config()
+        config = dataclasses.replace(trained.alone(), seed=seed)
         if physics is not None:
             config = config.in_env(physics=physics)
         chosen = None if score is None else load_score(score)
@@ -115,33 +193,59 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             env = env if disturbed is None else disturbed(env)
             return EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen))
 
-        if isinstance(config, RunConfig):
-            venv = build_vec_env(config, innermost)
-        else:
-            venv = one_env(config.env, config.seed, innermost)
-        try:
+        venv = build_vec_env(config, innermost)
+        with _closed_if_it_fails(venv):
             load_statistics(config, statistics, venv)
             if isinstance(venv, VecNormalize):
                 venv.training = False
-            env = cast(DummyVecEnv, venv.unwrapped).envs[0]
+            env = _first(venv)
             if chosen is not None:
-                _check_playable(run, config, env, venv, chosen)
-            model = load_to_play(config, model_file, venv)
-            if tree is not None:
-                model = TreeSearch(model, venv, tree, seed=seed)
-            titles = {} if chosen is not None else titles_of_copies(run, env)
-            return cls(
+                _check_playable(run, env, venv, chosen)
+            model: Any = load_to_play(config, model_file, venv)
+            if spec.tree is not None:
+                model = TreeSearch(model, venv, spec.tree, seed=seed)
+            return cls._in(
+                spec,
+                config.env,
+                venv,
+                model,
+                seed,
+                algo=config.algo,
                 run=run,
-                config=config,
-                piece=_own_piece(config, env, titles) if chosen is None else chosen.title,
-                model=model,
-                _titles=titles,
-                _venv=venv,
-                _recorder=[e for e in layers(env) if isinstance(e, EpisodeRecorder)][-1],
+                training_seed=trained.seed,
+                titles={} if chosen is not None else titles_of_copies(run, env),
+                piece=None if chosen is None else chosen.title,
             )
-        except BaseException:
-            venv.close()
-            raise
+
+    @classmethod
+    def _in(
+        cls,
+        spec: PlayerSpec,
+        env_spec: EnvSpec,
+        venv: VecEnv,
+        model: Player,
+        seed: int,
+        *,
+        algo: str,
+        run: RunFolder | None = None,
+        training_seed: int | None = None,
+        titles: Mapping[str, str] = {},
+        piece: str | None = None,
+    ) -> OpenPlayer:
+        env = _first(venv)
+        return cls(
+            spec=spec,
+            env_spec=env_spec,
+            seed=seed,
+            run=run,
+            algo=algo,
+            training_seed=training_seed,
+            piece=_own_piece(env_spec, env, titles) if piece is None else piece,
+            model=model,
+            _titles=titles,
+            _venv=venv,
+            _recorder=[e for e in layers(env) if isinstance(e, EpisodeRecorder)][-1],
+        )
 
     @property
     def env(self) -> Env:
@@ -149,14 +253,33 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         return self._recorder.unwrapped
 
     @property
+    def piano(self) -> PianoEnv:
+        """The piano that is played.
+
+        Raises:
+            RunError: If the environment is none.
+        """
+        if not isinstance(self.env, PianoEnv):
+            raise RunError(
+                f"{self.named} cannot be watched: its environment {self.env_spec.id!r} is no "
+                "piano. Expected a run of a piano environment."
+            )
+        return self.env
+
+    @property
     def vec_env(self) -> VecEnv:
-        """The vector that the model plays in, with the run's wrappers and normalisation."""
+        """The vector that it plays in, with the run's wrappers and normalisation."""
         return self._venv
 
     @property
     def num_timesteps(self) -> int:
-        """Environment steps that the model was trained for."""
-        return self.model.num_timesteps
+        """Environment steps that it was trained for."""
+        return int(self.model.num_timesteps)
+
+    @property
+    def named(self) -> str:
+        """What messages call it."""
+        return f"The player '{self.spec}'" if self.run is None else f"Run '{self.run.path}'"
 
     def play(self, episodes: int = 1, *, seed: int | None = None) -> list[Recording]:
         """Play so many episodes from a freshly seeded environment.
@@ -166,19 +289,26 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         Raises:
             ConfigError: If a number is out of range.
         """
-        count = checked("episodes", episodes, Count)
-        return list(itertools.islice(self.episodes(seed=seed), count))
+        return list(self.episodes(checked("episodes", episodes, Count), seed=seed))
 
-    def episodes(self, *, seed: int | None = None) -> Iterator[Recording]:
-        """Play as :meth:`play` does without end, each episode as it is asked for.
+    def episodes(
+        self,
+        episodes: int | None = None,
+        *,
+        seed: int | None = None,
+        on_step: Callable[[Transition], object] = lambda transition: None,
+    ) -> Iterator[Recording]:
+        """Play as :meth:`play` does, each episode as it is asked for; without a number, endlessly.
 
         Whatever is played next, or a rest, ends it.
         """
-        return self._record(seed, resting=False)
+        return self._rollout(episodes, seed, resting=False, on_step=on_step)
 
     def rest(self) -> Recording | None:
         """Return an episode in which the hands rest; ``None`` if the environment is no piano."""
-        return next(self._record(None, resting=True)) if self._recorder.can_rest else None
+        if not self._recorder.can_rest:
+            return None
+        return next(self._rollout(1, None, resting=True))
 
     def predict(
         self,
@@ -198,26 +328,10 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _record(self, seed: int | None, *, resting: bool) -> Iterator[Recording]:
-        seed = checked("seed", self.config.seed if seed is None else seed, Index | None)
-        self._recorder.resting = resting
-        if isinstance(self.model, PianoPolicy):
-            self.model.set_random_seed(seed or 0)
-        self._venv.seed(seed)
-        observation = self._venv.reset()
-        self._recorder.finished.clear()  # an episode that was left under way ends here
-        return self._endless(observation)
-
-    def _endless(self, observation: Any) -> Iterator[Recording]:
-        action, state, starts = None, None, np.ones(1, dtype=bool)
-        while True:
-            # While the hands rest, nobody hears what is asked; to search for it would take long.
-            if action is None or not self._recorder.resting:
-                with torch_computing():
-                    action, state = self.model.predict(observation, state, starts, True)
-            observation, _, starts, _ = self._venv.step(action)
-            if self._recorder.finished:
-                yield self._titled(self._recorder.finished.pop())
+    def _rollout(self, episodes: int | None, seed: int | None, **more: Any) -> Iterator[Recording]:
+        own = self.seed if seed is None else seed
+        played = rollout(self.model, self._venv, episodes=episodes, seed=own, **more)
+        return map(self._titled, played)
 
     def _titled(self, recording: Recording) -> Recording:
         performance = recording.performance
@@ -225,6 +339,23 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             return recording
         named = dataclasses.replace(performance, title=self._titles[performance.title])
         return dataclasses.replace(recording, performance=named)
+
+
+SavedPlayer = OpenPlayer
+"""Name of :class:`OpenPlayer` in former versions."""
+
+
+@contextlib.contextmanager
+def _closed_if_it_fails(venv: VecEnv) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        venv.close()
+        raise
+
+
+def _first(venv: VecEnv) -> Env:
+    return cast(DummyVecEnv, venv.unwrapped).envs[0]
 
 
 class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
@@ -242,13 +373,12 @@ class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.reset(seed=seed, options={**others, "score": self._score})
 
 
-def _check_playable(
-    run: RunFolder, config: PlayConfig, env: Env, venv: VecEnv, score: Score
-) -> None:
+def _check_playable(run: RunFolder, env: Env, venv: VecEnv, score: Score) -> None:
     if not isinstance(env.unwrapped, PianoEnv):
         raise ConfigError(
-            f"Run '{run.path}' cannot play {score.title!r}: its environment {config.env_id!r} is "
-            "no piano. Expected a run of a piano environment, or no piece."
+            f"Run '{run.path}' cannot play {score.title!r}: its environment "
+            f"{run.read_config().env_id!r} is no piano. Expected a run of a piano environment, or "
+            "no piece."
         )
     try:
         venv.reset()
@@ -267,50 +397,80 @@ def titles_of_copies(run: RunFolder, env: Env) -> dict[str, str]:
     return {}
 
 
-def _own_piece(config: PlayConfig, env: Env, titles: Mapping[str, str]) -> str:
-    """Return what a run's own piece is called; all that wrappers may choose are named."""
+def _own_piece(spec: EnvSpec, env: Env, titles: Mapping[str, str]) -> str:
+    """Return what an environment's own piece is called; all that wrappers may choose are named."""
     if not isinstance(env.unwrapped, PianoEnv):
-        return config.env_id
-    if isinstance(config, RunConfig) and len(config.pieces) > 1:
-        return f"{len(config.pieces)} pieces"
+        return spec.id
+    if len(spec.pieces) > 1:
+        return f"{len(spec.pieces)} pieces"
     played = dict.fromkeys(titles.get(s.title, s.title) for s in possible_scores(env))
-    return " or ".join(played) or config.env_id
+    return " or ".join(played) or spec.id
 
 
 @contextlib.contextmanager
-def run_to_record(
-    folder: str | os.PathLike[str], *, best: str | None = None, start: float = 0.0
-) -> Iterator[tuple[Predictor, Env, PlayConfig]]:
-    """Give a run's player, an environment with the run's wrappers, and its settings.
+def player_to_record(
+    spec: PlayerSpec, env: EnvSpec | None = None, *, best: str | None = None, start: float = 0.0
+) -> Iterator[tuple[Player, Env]]:
+    """Give a player and a single environment, which ``gymnasium.make`` can make again.
 
     They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts; the hands
     begin out of place by ``start``, rad. Of a run that corrects another one, the environment is
-    that without the correction, and the player plays the corrected actions in it.
+    that without the correction, and the player plays the corrected actions in it. In an environment
+    with :class:`~sb3_piano.wrappers.HandActions` planners play what these can say.
     """
-    config = RunFolder.open(Path(folder).absolute()).read_config()  # a data set lies elsewhere
-    refused = f"Run '{folder}' cannot be recorded"
-    if isinstance(config, RunConfig):
+    perturbed = (lambda bare: PerturbedStart(bare, start)) if start else None
+    run = RunFolder.open(Path(spec.name).absolute()) if spec.is_run else None  # data lies elsewhere
+    former = None if run is None else run.read_player()
+    if former is not None:
+        spec, env, run = former[0], env or former[1], None
+    if run is not None:
+        refused = f"Run '{spec.name}' cannot be recorded"
+        config = run.read_config()
         refuse_other_vectors(config, refused)
-    with (
-        SavedPlayer.open(folder, best=best) as player,
-        contextlib.closing(env_to_record(config, start)) as env,
-    ):
-        residual = next((layer for layer in layers(env) if isinstance(layer, Residual)), None)
-        if residual is not None:
-            _check_nothing_between(residual, env, refused)
-            yield _Corrected(player, residual), residual.env, config
-            return
-        if isinstance(config, PlannedConfig):  # such play only where they are made for
-            yield build_planner(config, env), env, config
+        with (
+            OpenPlayer.open(spec, best=best) as player,
+            contextlib.closing(config.env.make(perturbed)) as made,
+        ):
+            residual = next((layer for layer in layers(made) if isinstance(layer, Residual)), None)
+            if residual is not None:
+                _check_nothing_between(residual, made, refused)
+                yield _Corrected(player, residual), residual.env
+                return
+            yield player, made
+        return
+    assert env is not None, "only a run has its own"
+    with contextlib.closing(env.make(perturbed)) as made:
+        hands = next((layer for layer in layers(made) if isinstance(layer, HandActions)), None)
+        if hands is None or spec.name == SIGHT_READER:  # which knows the actions of hands
+            yield spec.make(made), made
         else:
-            yield player, env, config
+            yield _ByHand(spec.make(hands.env), hands), made
+
+
+@dataclass(frozen=True, eq=False)
+class _ByHand:
+    """What plays the piano's own actions, in an environment with those of hands."""
+
+    player: Any
+    env: HandActions
+
+    def reset(self, seed: int) -> None:
+        """Begin a roll-out of the player."""
+        self.player.reset(seed)
+
+    def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Any, Any]:
+        """Return the hands' action that commands what the player does, within their reach."""
+        action, state = self.player.predict(observation, *arguments, **named)
+        piano = self.env.unwrapped
+        assert isinstance(piano, PianoEnv), "HandActions is around a piano"
+        return self.env.action_for(piano.action_map.controls(action)[0]), state
 
 
 @dataclass(frozen=True, eq=False)
 class _Corrected:
     """Player of a correction and of what it corrects, together."""
 
-    player: SavedPlayer
+    player: OpenPlayer
     residual: Residual
 
     def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Any, Any]:
@@ -329,25 +489,15 @@ def _check_nothing_between(residual: Residual, env: Env, refused: str) -> None:
             )
 
 
-def _hand_model(player: SavedPlayer) -> HandModel | None:
+def _hand_model(player: OpenPlayer) -> HandModel | None:
     """Return the network of a hand; ``None`` if the run has learnt something else."""
-    assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
-    env = cast(DummyVecEnv, player._venv.unwrapped).envs[0]
     try:
-        return HandModel.of(player.model.policy, env, player.num_timesteps)
+        return HandModel.of(player.model.policy, _first(player._venv), player.num_timesteps)
     except ConfigError:  # another policy, other actions, or another observation
         return None
 
 
-def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
-    """Return a run's environment with its wrappers, and none that ``gymnasium.make`` cannot make.
-
-    Its hands begin out of place by ``start``, rad.
-    """
-    return config.env.make((lambda env: PerturbedStart(env, start)) if start else None)
-
-
-def keep_base(run: RunFolder, config: PlayConfig) -> None:
+def keep_base(run: RunFolder, config: RunConfig) -> None:
     """Keep a copy of the run that is corrected, if one is, in the folder of the new run."""
     if config.env.base is not None:
         write_player(config.env.base, run.base_dir)
@@ -374,7 +524,12 @@ def player_written(
 ) -> Iterator[RunFolder]:
     """Give the folder of :func:`write_player`, which the block completes."""
     with contextlib.ExitStack() as made:
-        with SavedPlayer.open(run, best=best) as player:
+        with OpenPlayer.open(os.fspath(run), best=best) as player:
+            if player.run is None:
+                raise RunError(
+                    f"{player.named} was not trained, and is named by that text everywhere: "
+                    "expected a run to be exported."
+                )
             config = player.run.read_config()
             written = made.enter_context(RunFolder.making(config, folder))
             try:
@@ -382,12 +537,10 @@ def player_written(
                 written.keep_pieces()
                 if player.run.provenance_file.is_file():
                     write_bytes(written.provenance_file, read_file(player.run.provenance_file))
-                if isinstance(config, RunConfig):
-                    assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
-                    write_bytes(written.weights_file, pack_weights(player.model, config))
-                    hand = _hand_model(player)
-                    if hand is not None:
-                        hand.save(written.hand_file)
+                write_bytes(written.weights_file, pack_weights(player.model, config))
+                hand = _hand_model(player)
+                if hand is not None:
+                    hand.save(written.hand_file)
             except OSError as error:
                 raise unwritable(written.path, error) from error
         yield written

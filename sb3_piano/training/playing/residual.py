@@ -12,9 +12,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Positive, checked
-from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import CorrectsRun
 from sb3_piano.training.runs.builders import normalized, refuse_other_vectors
 from sb3_piano.training.runs.folder import RunFolder
@@ -79,8 +77,6 @@ def _model_of(run: str | os.PathLike[str], env: gym.Env[Any, Any]) -> tuple[Base
     folder = RunFolder.open(run)
     config = folder.read_config(exported=False)  # who exported it is whose run is played
     refused = f"Run '{folder.path}' cannot be corrected"
-    if not isinstance(config, RunConfig):
-        raise ConfigError(f"{refused}: it was not trained. Expected a training, or a clone.")
     refuse_other_vectors(config, refused)
     model_file, statistics = model_files(folder, config)
     venv: VecEnv = DummyVecEnv([lambda: env])
@@ -89,6 +85,5 @@ def _model_of(run: str | os.PathLike[str], env: gym.Env[Any, Any]) -> tuple[Base
     venv = normalized(config, venv)
     load_statistics(config, statistics, venv)
     model = load_to_play(config, model_file, venv)
-    assert isinstance(model, BaseAlgorithm), "it was trained"
     model.env = None  # which is this one
     return model, venv

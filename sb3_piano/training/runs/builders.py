@@ -38,16 +38,12 @@ from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.interrupts import leave_to_parent
-from sb3_piano.planning import PianoPolicy
-from sb3_piano.players import player_class
-from sb3_piano.training.configuration.config import PlannedConfig, RunConfig
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import Env, EnvSpec
 from sb3_piano.training.configuration.names import import_class, import_name
 from sb3_piano.training.configuration.values import (
     classes_made,
-    dataclass_made,
     linear_start,
-    parameters_of,
 )
 from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
 
@@ -199,19 +195,6 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     if buffer is not None:
         buffer_rows(buffer)
     return model
-
-
-def build_planner(config: PlannedConfig, env: Env | VecEnv) -> PianoPolicy:
-    """Return what plays without training, in the environments that it is for."""
-    made = player_class(config.algo)
-    parameters = parameters_of(made)
-    arguments = {
-        name: dataclass_made(value, parameters[name].annotation)
-        for name, value in config.algorithm_kwargs.items()
-    }
-    if "seed" in parameters:
-        arguments["seed"] = config.seed or 0
-    return made(env, **arguments)
 
 
 def build_callbacks(config: RunConfig) -> list[BaseCallback]:

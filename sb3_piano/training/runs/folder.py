@@ -11,7 +11,7 @@ import stat
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,10 @@ from sb3_piano.links import check_inside, keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import is_path
 from sb3_piano.music.library import Library
+from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
-from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
-from sb3_piano.training.configuration.env_spec import BASE, MODEL
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.env_spec import BASE, MODEL, EnvSpec
 from sb3_piano.training.configuration.names import (
     PLANNERS,
     full_name,
@@ -50,8 +51,7 @@ class RunFolder:
     """A run's folder; ``create`` makes one, ``open`` finds one.
 
     ======================== =====================================================================
-    ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in, or
-                             the :class:`PlannedConfig` of what plays without training
+    ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in
     ``run.yml``              command line, versions of packages, seed, threads of torch, time, the
                              score file's origin
     ``score.<suffix>``       the score that is played, if the run was given a file or an imported
@@ -60,7 +60,6 @@ class RunFolder:
     ``policy.safetensors``   in place of both, in a run that was exported to be played
     ``hand.safetensors``     the network of a hand that plays any piece as a sight-reader, if the
                              run was given one, or was exported and its policy has one
-    ``plan.npz``             the plan that is followed, if it was refined
     ``base/``                what is corrected, if it is the model of another run: that, exported
     ``pieces/``              copies of the pieces that are files or imported, if an exported run has
                              several
@@ -92,12 +91,11 @@ class RunFolder:
     evaluation_dir = Place("evaluation")
     base_dir = Place(BASE)
     pieces_dir = Place("pieces")
-    plan_file = Place("plan.npz")
 
     @classmethod
     def create(
         cls,
-        config: PlayConfig,
+        config: RunConfig,
         path: str | os.PathLike[str] | None = None,
         runs_dir: str | os.PathLike[str] = "runs",
     ) -> RunFolder:
@@ -116,7 +114,7 @@ class RunFolder:
     @contextlib.contextmanager
     def making(
         cls,
-        config: PlayConfig,
+        config: RunConfig,
         path: str | os.PathLike[str] | None = None,
         runs_dir: str | os.PathLike[str] = "runs",
     ) -> Iterator[RunFolder]:
@@ -204,7 +202,7 @@ class RunFolder:
         found = self.path.glob("best_*/best_model.zip")
         return sorted(file.parent.name.removeprefix("best_") for file in found)
 
-    def read_config(self, exported: bool | None = None) -> PlayConfig:
+    def read_config(self, exported: bool | None = None) -> RunConfig:
         """Return the run's settings; a score file is that of the folder, wherever it is now.
 
         Those of an ``exported`` run, by default of a folder with weights as plain arrays, may name
@@ -218,23 +216,21 @@ class RunFolder:
             return self._read_config()
         with known_packages_only():
             config = self._read_config()
-        around = config.vec_env_wrapper if isinstance(config, RunConfig) else ()
-        for wrapper in (*config.env_wrapper, *around):
+        for wrapper in (*config.env_wrapper, *config.vec_env_wrapper):
             _check_numbers(wrapper.kwargs, f"'{self.config_file}': {wrapper.path}")
-        if isinstance(config, RunConfig):
-            for text in _texts(config.algorithm_kwargs):
-                if is_dotted(full_name(text)):  # it would be imported when the model is made
-                    try:
-                        with known_packages_only():
-                            import_name(text)
-                    except ConfigError as error:
-                        raise ConfigError(f"'{self.config_file}': {error}") from error
-            if not os.path.isfile(self.weights_file):
-                raise RunError(
-                    f"'{self.path}' has no {self.weights_file.name}, and its model could only be "
-                    "unpickled: expected a folder that 'sb3-piano export' wrote. Of people whom "
-                    "you trust, SavedPlayer.open and the commands load any run."
-                )
+        for text in _texts(config.algorithm_kwargs):
+            if is_dotted(full_name(text)):  # it would be imported when the model is made
+                try:
+                    with known_packages_only():
+                        import_name(text)
+                except ConfigError as error:
+                    raise ConfigError(f"'{self.config_file}': {error}") from error
+        if not os.path.isfile(self.weights_file):
+            raise RunError(
+                f"'{self.path}' has no {self.weights_file.name}, and its model could only be "
+                "unpickled: expected a folder that 'sb3-piano export' wrote. Of people whom "
+                "you trust, OpenPlayer.open and the commands load any run."
+            )
         base = config.env.base
         if base is not None:
             if Path(base) != self.base_dir:
@@ -245,27 +241,48 @@ class RunFolder:
             RunFolder.open(self.base_dir).read_config(exported=True)
         return config
 
-    def _read_config(self) -> PlayConfig:
+    def _read_config(self) -> RunConfig:
         content = read_yaml_mapping(self.config_file)
         if isinstance(content.get("pieces"), list):
             content["pieces"] = [self._found(piece) for piece in content["pieces"]]
-        kind: type[PlayConfig] = RunConfig
         if content.get("algo") in PLANNERS:
-            kind = PlannedConfig
-            trained = {f.name for f in fields(RunConfig)} - {f.name for f in fields(kind)}
-            content = {n: v for n, v in content.items() if n not in trained}  # in folders of before
+            raise ConfigError(
+                f"'{self.path}' is of {content['algo']!r}, which is not trained: expected a run "
+                "that was. It plays as before: sb3-piano play, evaluate, report, record."
+            )
         try:
-            config = kind(**content)
+            config = RunConfig(**content)
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
-        found = {name: self.path / file for name, file in config.files.items()}
-        there = {
-            n: os.path.isdir(path) if n == BASE else os.path.isfile(path)
-            for n, path in found.items()
-        }
-        return config.with_files({n: str(path) for n, path in found.items() if there[n]})
+        return config.with_files(self._inside(config.files))
 
-    def write_config(self, config: PlayConfig) -> None:
+    def _inside(self, files: Mapping[str, str]) -> dict[str, str]:
+        """Return those of some files that are in this folder, wherever it is now."""
+        found = {name: self.path / file for name, file in files.items()}
+        there = {BASE: os.path.isdir}
+        return {n: str(path) for n, path in found.items() if there.get(n, os.path.isfile)(path)}
+
+    def read_player(self) -> tuple[PlayerSpec, EnvSpec] | None:
+        """Return who plays, and where, in a folder that ``plan`` made for a player in version 0.2.
+
+        Such a player has no folder any more; ``None`` if this is a run that was trained.
+        """
+        with contextlib.suppress(ConfigError):
+            content = read_yaml_mapping(self.config_file)
+            if content.get("algo") in PLANNERS:
+                arguments = content.get("algorithm_kwargs") or {}
+                own = {n: f for n, f in arguments.items() if n in ("model", "plan")}
+                spec = PlayerSpec(name=content["algo"], arguments=arguments | self._inside(own))
+                env = EnvSpec(
+                    id=content["env_id"],
+                    module=content.get("env_module"),
+                    options=content.get("env_kwargs") or {},
+                    wrappers=content.get("env_wrapper") or (),
+                )
+                return spec, env.with_files(self._inside(env.files))
+        return None
+
+    def write_config(self, config: RunConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
         files = config.files.items()
         ours = {n: Path(f).name for n, f in files if Path(f).parent == self.path}
@@ -277,8 +294,6 @@ class RunFolder:
     def keep_pieces(self) -> None:
         """Copy pieces that are files or imported, so that the folder needs no other place."""
         config, library = self.read_config(), Library()
-        if not isinstance(config, RunConfig):
-            return
         kept = list(config.pieces)
         for number, piece in enumerate(kept):
             if not is_path(piece) and piece not in library:
@@ -312,7 +327,7 @@ class RunFolder:
         """Note where the run comes from, in YAML's types."""
         write_yaml(self.provenance_file, dict(notes))
 
-    def _write(self, config: PlayConfig) -> None:
+    def _write(self, config: RunConfig) -> None:
         notes, library = provenance(config.seed), Library()
         for option, text in config.files.items():
             file = Path(text)
@@ -406,8 +421,6 @@ def _go_on(run: RunFolder) -> str:
     algo, path = None, shlex.quote(str(run.path))
     with contextlib.suppress(ConfigError):
         algo = read_yaml_mapping(run.config_file).get("algo")
-    if algo == "planned":
-        return f" To refine the plan of that run: sb3-piano plan {path} --refine MINUTES"
     if algo in PLANNERS or os.path.exists(run.weights_file):
         return ""
     return f" To go on with that run: sb3-piano train --resume {path}"

@@ -32,10 +32,10 @@ from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.checkpoint import SAVED_AFTER
 from sb3_piano.exceptions import RunError, one_line
 from sb3_piano.files import check_file
-from sb3_piano.planning import PianoPolicy
+from sb3_piano.players.rollout import Player
 from sb3_piano.settings import Index, checked
-from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
-from sb3_piano.training.runs.builders import build_model, build_planner
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.runs.builders import build_model
 from sb3_piano.training.runs.folder import RunFolder
 
 Tensors = Mapping[str, torch.Tensor]
@@ -46,7 +46,7 @@ _FIELDS = ("mean", "var", "count")
 
 
 def model_files(
-    run: RunFolder, config: PlayConfig, best: str | None = None
+    run: RunFolder, config: RunConfig, best: str | None = None
 ) -> tuple[Path, Path | None]:
     """Return the file of a model, and that of ``VecNormalize`` if the run normalises.
 
@@ -54,10 +54,9 @@ def model_files(
     ``checkpoint/`` are returned.
 
     A zip file and a pickle, or of an exported run its weights. ``best`` is the metric by which the
-    model is the best; by default it is the newest one. What plays without training is all in the
-    config.
+    model is the best; by default it is the newest one.
     """
-    normalizes = isinstance(config, RunConfig) and config.normalize is not False
+    normalizes = config.normalize is not False
     if run.weights_file.is_file():  # then nothing is unpickled, whatever else the folder holds
         if best is not None:
             raise RunError(
@@ -65,8 +64,6 @@ def model_files(
                 "expected no metric."
             )
         return run.weights_file, run.weights_file if normalizes else None
-    if best is None and isinstance(config, PlannedConfig):
-        return run.config_file, None
     model, folder = run.model_file, run.path
     if best is not None:
         folder = run.best_dir(best)
@@ -168,10 +165,8 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
         ) from error
 
 
-def load_to_play(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm | PianoPolicy:
-    """Return what plays in a run, of :func:`model_files`, without what only training needs."""
-    if not isinstance(config, RunConfig):
-        return build_planner(config, venv)
+def load_to_play(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm:
+    """Return the model of a run, of :func:`model_files`, without what only training needs."""
     # A replay buffer would be as large as in training.
     off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
     if path.suffix != ".safetensors":
@@ -196,9 +191,7 @@ def load_to_play(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm 
     return model
 
 
-def act(
-    model: BaseAlgorithm | PianoPolicy, venv: VecEnv, observation: Any, *arguments: Any
-) -> tuple[Any, Any]:
+def act(model: Player, venv: VecEnv, observation: Any, *arguments: Any) -> tuple[Any, Any]:
     """Return what a model plays for what one environment shows, and its state.
 
     ``venv`` is the vector of that environment; where hands are agents, each observes its half.
@@ -212,7 +205,7 @@ def act(
     return (action.reshape(-1) if agents > 1 else action), state
 
 
-def load_statistics(config: PlayConfig, path: Path | None, venv: VecEnv) -> None:
+def load_statistics(config: RunConfig, path: Path | None, venv: VecEnv) -> None:
     """Set the statistics of ``VecNormalize``, of :func:`model_files`, if there are any."""
     if path is None or not isinstance(venv, VecNormalize):
         return
@@ -243,7 +236,7 @@ def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
     return in_order(content)
 
 
-def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:
+def read_weights(path: Path, config: RunConfig) -> tuple[Tensors, int]:
     """Return the tensors of a file of :func:`pack_weights`, and the steps trained for."""
     try:
         read_shapes(path)  # what is no file, or has a header without end, is refused

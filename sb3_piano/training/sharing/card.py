@@ -11,9 +11,8 @@ from typing import Any
 
 from sb3_piano.exceptions import install_command
 from sb3_piano.files import dump_yaml
-from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.text import printable
-from sb3_piano.training.configuration.config import PlayConfig, RunConfig
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.evaluation.evaluations import Evaluation
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.start import StartFromRun
@@ -33,7 +32,7 @@ _HUB_TYPES = {"return": "mean_reward"}
 """Types by which the Hub's leaderboards know a metric; others go by their own name."""
 
 
-def card_of(run: RunFolder, config: PlayConfig, found: Evaluation) -> str:
+def card_of(run: RunFolder, config: RunConfig, found: Evaluation) -> str:
     """Return the card of a run that was evaluated."""
     shown = {name: label for name, label in _METRICS.items() if name in found.summary}
     front = dump_yaml(_front_matter(config, found, shown))
@@ -85,9 +84,7 @@ def _markdown(text: str | None) -> str:
     return re.sub(r"([\\`*_\[\]|~$])", r"\\\1", html.escape(printable(str(text)), quote=False))
 
 
-def _front_matter(
-    config: PlayConfig, found: Evaluation, shown: Mapping[str, str]
-) -> dict[str, Any]:
+def _front_matter(config: RunConfig, found: Evaluation, shown: Mapping[str, str]) -> dict[str, Any]:
     metrics = [
         {
             "type": _HUB_TYPES.get(name, name),
@@ -152,22 +149,17 @@ def _seeds(found: Evaluation) -> str:
     return " ".join(map(str, dict.fromkeys(found.episode_seeds)))
 
 
-def _who(config: PlayConfig) -> str:
-    if isinstance(config, RunConfig):
-        return f"A model of {config.algo} (Stable-Baselines3 and sb3-piano)"
-    return f"Settings of sb3-piano's {config.algo} player, without weights,"
+def _who(config: RunConfig) -> str:
+    return f"A model of {config.algo} (Stable-Baselines3 and sb3-piano)"
 
 
-def _steps(config: PlayConfig, found: Evaluation) -> str:
+def _steps(config: RunConfig, found: Evaluation) -> str:
     """Return how long the model was trained, as a sentence, if it is one of a training."""
-    trained = found.num_timesteps if isinstance(config, RunConfig) else 0
+    trained = found.num_timesteps
     return f" It was trained for {trained} environment steps." if trained else ""
 
 
-def _training(run: RunFolder, config: PlayConfig) -> str:
-    if not isinstance(config, RunConfig):
-        read = " on this piece: its network, which was trained before, reads it"
-        return f"None{read if config.algo == SIGHT_READER else ''}."
+def _training(run: RunFolder, config: RunConfig) -> str:
     notes = run.read_provenance()
     command = notes.get("command")
     told = (
@@ -204,7 +196,7 @@ def _short(command: str) -> str:
     return command
 
 
-def _limits(config: PlayConfig, found: Evaluation) -> str:
+def _limits(config: RunConfig, found: Evaluation) -> str:
     physics = config.env_kwargs.get("physics")
     where = "its physics are those of the environment" if physics is None else f"physics {physics}"
     lines = [
@@ -214,6 +206,5 @@ def _limits(config: PlayConfig, found: Evaluation) -> str:
         "`config.yml` give.",
         "- Rounding differs between processors, so that another machine may play other digits.",
     ]
-    if isinstance(config, RunConfig):
-        lines.append("- It cannot be trained on: optimizers and replay buffer are not in it.")
+    lines.append("- It cannot be trained on: optimizers and replay buffer are not in it.")
     return "\n".join(lines)

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from sb3_piano.envs import PianoEnv
 from sb3_piano.files import Place, write_text
 from sb3_piano.training.evaluation.evaluate import evaluate
-from sb3_piano.training.playing.player import SavedPlayer, player_written
-from sb3_piano.training.playing.takes import take_of_run
+from sb3_piano.training.playing.player import OpenPlayer, player_written
+from sb3_piano.training.playing.takes import take_of
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.sharing.card import card_of
 from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Progress, write_take
@@ -64,10 +64,9 @@ def export_run(
         found = evaluate(exported.path, 1, range(episodes), on_episode=on_episode)
         if found.interrupted:
             raise KeyboardInterrupt
-        with SavedPlayer.open(exported.path) as player:
-            is_piano = isinstance(player.env, PianoEnv)
-        if picture is not None and is_piano:
-            take = take_of_run(exported.path)
+        with OpenPlayer.open(exported.path) as player:
+            take = take_of(player) if picture and isinstance(player.env, PianoEnv) else None
+        if take is not None:
             write_take(take, exported.path / REPLAY, picture, progress).wav.unlink()
         write_text(exported.card_file, card_of(exported, config, found))
     return exported

@@ -14,7 +14,7 @@ from sb3_piano.exceptions import (
     install_command,
     one_line,
 )
-from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.unfinished import PARTIAL_SUFFIX
 
@@ -24,24 +24,24 @@ _FILES = ("*.yml", "*.safetensors", "plan.npz", "score.*", "fingering.*", "piece
 """Files of a repository that are fetched, also those in ``base/``: nothing that is unpickled."""
 
 
-def load_player(folder: str | os.PathLike[str], **options: Any) -> SavedPlayer:
+def load_player(folder: str | os.PathLike[str], **options: Any) -> OpenPlayer:
     """Return the player of an exported run, without running any code of its folder.
 
     Nothing is unpickled, and its settings may name only classes of
     :data:`~sb3_piano.training.KNOWN_PACKAGES`. Of a run of one's own, with ``model.zip``, use
-    :meth:`~sb3_piano.training.SavedPlayer.open`.
+    :meth:`~sb3_piano.training.OpenPlayer.open`.
 
     Args:
         folder: The folder, or ``hf://OWNER/NAME``, optionally ``@REVISION``, of the Hugging Face
             Hub, from where it is fetched once.
-        **options: Options of :meth:`~sb3_piano.training.SavedPlayer.open`.
+        **options: Options of :meth:`~sb3_piano.training.OpenPlayer.open`.
 
     Raises:
         ConfigError: If its settings are damaged or name anything else.
         RunError: If it is no exported run, its weights are damaged, or it cannot be fetched.
         MissingPackageError: If it is on the Hub and ``sb3-piano[hub]`` is not installed.
     """
-    return SavedPlayer.open(exported_folder(folder), **options)
+    return OpenPlayer.open(exported_folder(folder), **options)
 
 
 def exported_folder(name: str | os.PathLike[str]) -> Path:

@@ -35,7 +35,7 @@ from sb3_piano.lab.distillation.teachers import new_teacher
 from sb3_piano.lab.music import Corpus
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.players import HandModel, SightReader
-from sb3_piano.training import PlannedConfig, Plugin, RunConfig, RunFolder, train
+from sb3_piano.training import Plugin, RunConfig, RunFolder, train
 
 TINY = """
 corpus: {duration: 2.0, n: 40}
@@ -230,10 +230,10 @@ def test_a_label_is_what_the_teacher_would_do_in_the_state_that_the_played_actio
     env = hands_env("fast")
     observation, _ = env.reset(options={"score": config.corpus[3]})
     with new_teacher(config.teacher, config.playing, env) as teacher:
-        teacher.prepare()
         for step in range(40):
             assert np.array_equal(observation, data.observations[step])
-            assert np.array_equal(teacher.action(step, observation), data.expert_actions[step])
+            label, _ = teacher.predict(observation, episode_start=np.array([step == 0]))
+            assert np.array_equal(label, data.expert_actions[step])
             observation = env.step(data.actions[step])[0]
     assert np.abs(data.actions[:40] - data.expert_actions[:40]).max() > 0.05
     env.close()
@@ -330,8 +330,9 @@ def test_what_does_not_go_together_is_refused_at_once(whole, tiny, changes, erro
 
 
 def test_the_model_of_a_run_teaches_if_it_sees_what_the_learner_sees(tiny, tmp_path):
-    RunFolder.create(PlannedConfig(algo="planned", env_id="RoboPianist-v0"), tmp_path / "planned")
-    config = DistillConfig.from_yaml(tiny, **{"teacher.name": str(tmp_path / "planned")})
+    run = RunConfig(algo="td3", env_id="Pendulum-v1", n_timesteps=1)
+    other = train(run, tmp_path / "other", progress_bar=False).folder.path
+    config = DistillConfig.from_yaml(tiny, **{"teacher.name": str(other)})
     with pytest.raises(ConfigError, match="cannot teach: expected a trained model with observ"):
         distill(config, tmp_path / "out")
     observed = {"observation": "hands", "fingering": "robot", "reduced_action_space": False}

@@ -34,7 +34,7 @@ from sb3_piano.lab.results import (
 from sb3_piano.lab.results.measuring import is_generated, player_digest, score_digest, score_source
 from sb3_piano.music import load_score
 from sb3_piano.music.built_in import REPERTOIRE
-from sb3_piano.training.playing.takes import plan_run, planner_config
+from sb3_piano.players.hand_model import SHIPPED
 
 tables = Tables(__file__)
 
@@ -288,9 +288,8 @@ def test_the_same_seed_draws_the_same_sample_and_long_pieces_as_likely_as_short_
 def measured(tmp_path_factory):
     """Return a file of a run and the sight-reader, each on a study, measured by the command."""
     folder = tmp_path_factory.mktemp("results")
-    plan_run(planner_config("debug-CMajorScaleOneHand", "sight-reader"), folder / "run")
     command = ["results", "measure", "--pieces", "scale-AMajor", "--seeds", "0", "1"]
-    command += ["--players", "sight-reader", str(folder / "run"), "--physics", "fast"]
+    command += ["--players", "sight-reader", f"sight-reader:model={SHIPPED}", "--physics", "fast"]
     command += ["--noise", "0.01", "--workers", "1", "--out", str(folder / "results.json")]
     assert main(command) == 0
     return folder / "results.json"
@@ -302,11 +301,11 @@ def check(file, *options):
 
 @pytest.mark.slow
 def test_an_honest_file_holds_and_a_wrong_one_does_not(measured, tmp_path, capsys):
-    by_run, by_reader = sorted(Results.read(measured).results, key=lambda r: r.player)
-    assert by_run.f1 == by_reader.f1  # it is the same player, with the same noise
+    by_file, by_reader = sorted(Results.read(measured).results, key=lambda r: -len(r.player))
+    assert by_file.f1 == by_reader.f1  # it is the same player, with the same noise
     assert len({*by_reader.f1, *by_reader.onset_f1}) > 2  # which differs from seed to seed
     file = tmp_path / "nearly.json"
-    Results(results=(by_run, moved(by_reader, f1=-0.3, onset_f1=0.0))).write(file)
+    Results(results=(by_file, moved(by_reader, f1=-0.3, onset_f1=0.0))).write(file)
     assert check(file) == 1
     out = capsys.readouterr().out
     assert "f1: claimed" in out
@@ -344,7 +343,7 @@ def test_other_scores_and_networks_are_found_before_anything_is_played(measured)
 def test_who_is_no_player_is_told_before_anything_is_played(capsys):
     assert main(["results", "measure", "--players", "sightreader"]) == 2
     error = capsys.readouterr().err
-    assert "There is no player 'sightreader': expected one of planned, sampling-32" in error
+    assert "There is no player or folder 'sightreader': expected one of planned" in error
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.players import TreeSettings
 from sb3_piano.simulation import compile_scene
-from sb3_piano.training.playing.takes import PLANNED_IN
+from sb3_piano.training.playing.player import PLANNED_IN
 from sb3_piano.viewing.stage import staged
 from sb3_piano.viewing.stage_files import stage_files
 

@@ -19,7 +19,7 @@ from sb3_piano.players import SightReader
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.reading import KeyPlaces, both_hands, bounds_of, read_piece
 from sb3_piano.simulation import compile_scene
-from sb3_piano.training.playing.takes import PLANNED_IN
+from sb3_piano.training.playing.player import PLANNED_IN
 
 # Ends of the keyboard, keys struck anew at once, leaps, more notes than fingers, and each hand
 # alone where the other one rests.

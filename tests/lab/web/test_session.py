@@ -17,7 +17,7 @@ from sb3_piano.exceptions import PlanWarning
 from sb3_piano.lab.web import export_web
 from sb3_piano.music import Score, load_score
 from sb3_piano.performance import Performance
-from sb3_piano.training.playing.takes import PLANNED_IN
+from sb3_piano.training.playing.player import PLANNED_IN
 
 pytestmark = pytest.mark.slow
 

@@ -4,23 +4,17 @@ import itertools
 import random
 
 import pytest
+from short_scores import score_of
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import Note, Score
 from sb3_piano.music.fingering.agreement import agreement, match_rates
 
 
-def score(fingers, *, pitches=None, hands=None, title="piece", shift=0.0):
-    """A note every half second with the given fingers (and pitches, from C4 upwards)."""
-    pitches = pitches or range(60, 60 + len(fingers))
-    hands = hands or [None] * len(fingers)
-    return Score(
-        notes=[
-            Note(onset=0.5 * i + shift, offset=0.5 * i + 0.4, pitch=p, finger=f, hand=hand)
-            for i, (f, p, hand) in enumerate(zip(fingers, pitches, hands, strict=True))
-        ],
-        title=title,
-    )
+def score(fingers, *, hands=None, title="piece", shift=0.0):
+    """A note every half second, from C4 upwards, with the given fingers or hands alone."""
+    labels = hands or fingers
+    notes = ((0.5 * i + shift, 0.5 * i + 0.4, 60 + i, label) for i, label in enumerate(labels))
+    return score_of(*notes, title=title)
 
 
 def test_the_share_of_labelled_notes_with_the_same_finger_is_told_for_each_hand():
@@ -38,15 +32,16 @@ def test_a_hand_without_labels_has_no_share():
 
 def test_a_note_that_has_only_a_hand_agrees_with_the_hand_but_with_no_finger():
     labelled = score([0, 5])
-    found = agreement(labelled, score([-1, -1], hands=["right", None]))
+    found = agreement(labelled, score([], hands=["right", -1]))
     assert (found.both, found.hands) == (0.0, 0.5)
 
 
 def test_notes_of_a_chord_are_told_apart_by_their_pitch_and_doubled_ones_are_paired_once():
-    notes = [Note(onset=0, offset=1, pitch=p, finger=f) for p, f in ((60, 0), (64, 2), (64, 3))]
-    swapped = [Note(onset=0, offset=1, pitch=p, finger=f) for p, f in ((64, 2), (64, 3), (60, 1))]
-    found = agreement(Score(notes=notes), Score(notes=swapped))
-    assert found.same_finger == (2, 0)
+    one, other = (
+        score_of(*((0, 1, *note) for note in notes))
+        for notes in (((60, 0), (64, 2), (64, 3)), ((64, 2), (64, 3), (60, 1)))
+    )
+    assert agreement(one, other).same_finger == (2, 0)
 
 
 def test_onsets_may_differ_by_the_rounding_of_a_file_but_not_by_more():
@@ -57,11 +52,6 @@ def test_onsets_may_differ_by_the_rounding_of_a_file_but_not_by_more():
         match=r"2 of 2 notes of 'piece' are not in 'late', first note 0 \(C4 at 0 s\): expected",
     ):
         agreement(labelled, score([0, 1], shift=0.0011, title="late"))
-
-
-def test_there_must_be_a_label_to_agree_with():
-    with pytest.raises(ScoreError, match="Score 'piece' has no finger labels"):
-        agreement(score([-1, -1]), score([0, 1]))
 
 
 def test_notes_that_an_annotator_left_without_a_finger_do_not_count():
@@ -123,15 +113,19 @@ def test_the_recombination_is_the_best_of_all_and_rates_are_in_their_order(seed)
     assert rates.highest <= rates.recombination <= rates.soft
 
 
-def test_annotations_of_other_notes_are_refused():
-    with pytest.raises(ScoreError, match=r"1 of 3 notes of 'piece' are not in 'short'"):
-        match_rates([score([0, 1], title="short")], score([0, 1, 2]))
-    with pytest.raises(ScoreError, match=r"1 of 3 notes of 'long' are not in 'piece'"):
-        match_rates([score([0, 1, 2], title="long")], score([0, 1]))
-
-
-def test_there_must_be_annotations_with_a_labelled_note_in_common():
-    with pytest.raises(ScoreError, match="There are no annotations of 'piece'"):
-        match_rates([], score([0]))
-    with pytest.raises(ScoreError, match="no labelled note in common"):
-        match_rates([score([0, -1]), score([-1, 1])], score([0, 1]))
+@pytest.mark.parametrize(
+    ("annotations", "estimate", "message"),
+    [
+        ([score([0, 1], title="short")], [0, 1, 2], "1 of 3 notes of 'piece' are not in 'short'"),
+        ([score([0, 1, 2], title="long")], [0, 1], "1 of 3 notes of 'long' are not in 'piece'"),
+        ([], [0], "There are no annotations of 'piece'"),
+        ([score([0, -1]), score([-1, 1])], [0, 1], "no labelled note in common"),
+    ],
+)
+def test_annotations_of_the_same_notes_with_a_label_in_common_are_needed(
+    annotations, estimate, message
+):
+    with pytest.raises(ScoreError, match=message):
+        match_rates(annotations, score(estimate))
+    with pytest.raises(ScoreError, match="Score 'piece' has no finger labels"):
+        agreement(score([-1, -1]), score([0, 1]))

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from short_scores import score_of
+from short_scores import note_of, score_of
 
-from sb3_piano.music import BUILT_IN, Note, Pedal, Score
+from sb3_piano.music import BUILT_IN, Pedal, Score
 from sb3_piano.music.fingering import agreement, finger_score, without_fingers
 
 KEYS = ("C", "Db", "D", "Eb", "E", "F", "Gb", "G", "Ab", "A", "Bb", "B")
@@ -34,8 +34,7 @@ def tune(*pitches, hand=None, step=0.25):
 def test_a_score_without_any_hint_gets_hands_and_fingers():
     pitches = (60, 62, 64, 65, 67)
     both = score_of(
-        *((0.25 * i, 0.25 * (i + 1), pitch - 24) for i, pitch in enumerate(pitches)),
-        *((0.25 * i, 0.25 * (i + 1), pitch + 12) for i, pitch in enumerate(pitches)),
+        *((0.25 * i, 0.25 * (i + 1), p + away) for i, p in enumerate(pitches) for away in (-24, 12))
     )
     found = finger_score(both)
     assert numbers(found, "right") == "12345"
@@ -44,12 +43,8 @@ def test_a_score_without_any_hint_gets_hands_and_fingers():
 
 
 def test_everything_but_hand_and_finger_stays():
-    piece = Score(
-        notes=[Note(onset=0.0, offset=1.0, pitch=60, velocity=33)],
-        pedals=[Pedal(onset=0.0, offset=1.0)],
-        title="piece",
-        bars=[0.0, 1.0],
-    )
+    note = note_of(0.0, 1.0, velocity=33)
+    piece = Score(notes=[note], pedals=[Pedal(onset=0, offset=1)], title="piece", bars=[0, 1])
     found = finger_score(piece)
     (note,) = found.notes
     assert note.finger >= 0
@@ -84,13 +79,12 @@ def test_the_mirrored_piece_has_the_mirrored_fingers():
 
 def test_notes_held_for_ever_do_not_use_the_fingers_up():
     # As from a file whose pedal is written out: nothing is let go before the end.
-    notes = [Note(onset=0.2 * i, offset=60.0, pitch=36 + 7 * i % 50) for i in range(60)]
-    assert all(note.finger >= 0 for note in finger_score(Score(notes=notes)).notes)
+    piece = score_of(*((0.2 * i, 60.0, 36 + 7 * i % 50) for i in range(60)))
+    assert all(note.finger >= 0 for note in finger_score(piece).notes)
 
 
 def test_a_key_beyond_ten_has_a_hand_but_no_finger():
-    cluster = Score(notes=[Note(onset=0.0, offset=1.0, pitch=p) for p in range(50, 62)])
-    found = finger_score(cluster)
+    found = finger_score(score_of(*((0.0, 1.0, pitch) for pitch in range(50, 62))))
     assert sorted(note.finger for note in found.notes) == [-1, -1, *range(10)]
     assert all(note.hand is not None for note in found.notes)
 

@@ -2,30 +2,20 @@
 
 import music21
 import pytest
+from short_scores import score_of
+from tables import Tables
 
-from sb3_piano.music import BUILT_IN, Note, Score, read_score, write_score
+from sb3_piano.music import BUILT_IN, read_score, write_score
 from sb3_piano.music.formats.musicxml.tempo import likely_tempo
+
+tables = Tables(__file__)
 
 
 def beats(*onsets, bars):
-    return Score(notes=[Note(onset=o, offset=o + 0.1, pitch=60) for o in onsets], bars=bars)
+    return score_of(*((onset, onset + 0.1, 60) for onset in onsets), bars=bars)
 
 
-@pytest.mark.parametrize(
-    ("name", "tempo"),
-    [
-        ("BachMinuetG", 112),
-        ("BachPreludeC", 72),
-        ("ChopinNocturneOp9No2", 66),
-        ("FantaisieImpromptu", 144),
-        ("Gymnopedie1", 72),
-        ("MapleLeafRag", 92),
-        ("OdeToJoy", 112),
-        ("PathetiqueRondo", 84),  # alla breve: half as many beats as it is noted in
-        ("Reverie", 92),
-        ("TwinkleTwinkle", 100),
-    ],
-)
+@tables("name, tempo")
 def test_pieces_of_the_repertoire_are_written_in_a_tempo_that_suits_them(name, tempo):
     assert likely_tempo(BUILT_IN[f"repertoire-{name}"].score()) == pytest.approx(tempo)
 
@@ -36,18 +26,9 @@ def test_a_bar_of_sixteenths_is_not_taken_for_one_of_sextuplets():
     assert likely_tempo(beats(*onsets, bars=(0.0, 1.2, 2.4))) == pytest.approx(100)
 
 
-@pytest.mark.parametrize(
-    "score",
-    [
-        beats(0.0, 0.5, bars=()),
-        beats(0.0, 0.5, bars=(0.0,)),
-        beats(*(0.15 * i for i in range(24)), bars=(0.0, 0.9, 2.4)),
-        beats(0.0, bars=(0.0, 0.1, 0.2)),
-    ],
-    ids=["no bars", "one bar", "uneven bars", "bars too short"],
-)
-def test_what_tells_no_tempo_is_written_at_120(score):
-    assert likely_tempo(score) == 120
+@tables("onsets, bars, why")
+def test_what_tells_no_tempo_is_written_at_120(onsets, bars, why):
+    assert likely_tempo(beats(*onsets, bars=bars)) == 120, why
 
 
 @pytest.mark.slow

@@ -1,11 +1,12 @@
 from pathlib import Path
 
 import pytest
+from short_scores import score_of
 
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import BUILT_IN, Note, Score, load_score, shown_title, write_midi, write_score
+from sb3_piano.music import BUILT_IN, load_score, shown_title, write_midi, write_score
 
-SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
+SCORE = score_of((0, 1, 60), title="piece")
 
 
 def test_the_name_of_a_piece_makes_the_piece_with_or_without_its_collection():
@@ -72,6 +73,5 @@ def test_a_file_in_a_folder_that_is_missing_is_not_written(suffix, tmp_path):
 
 @pytest.mark.parametrize("suffix", ["txt", "musicxml"])
 def test_where_a_file_needs_a_hand_an_unknown_one_is_chosen_by_the_pitch(suffix, tmp_path):
-    notes = [Note(onset=0, offset=1, pitch=pitch) for pitch in (59, 60)]
-    write_score(Score(notes=notes), tmp_path / f"a.{suffix}")
+    write_score(score_of((0, 1, 59), (0, 1, 60)), tmp_path / f"a.{suffix}")
     assert [n.hand for n in load_score(tmp_path / f"a.{suffix}").notes] == ["left", "right"]

@@ -3,8 +3,9 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from short_scores import score_of
 
-from sb3_piano.music import MIN_PITCH, Note, PianoRoll, Score
+from sb3_piano.music import MIN_PITCH, PianoRoll
 from sb3_piano.music.presses import Press, presses_of_hand
 
 KEY = 39
@@ -12,11 +13,8 @@ KEY = 39
 
 def roll_of(*notes):
     """Return the roll of (onset, offset, finger) or (onset, offset, finger, key), steps of 1 s."""
-    made = [
-        Note(onset=onset, offset=offset, finger=finger, pitch=MIN_PITCH + (key or [KEY])[0])
-        for onset, offset, finger, *key in notes
-    ]
-    return PianoRoll.from_score(Score(notes=made), 1.0)
+    made = ((on, off, MIN_PITCH + (key or [KEY])[0], finger) for on, off, finger, *key in notes)
+    return PianoRoll.from_score(score_of(*made), 1.0)
 
 
 notes = st.builds(

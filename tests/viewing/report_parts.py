@@ -4,9 +4,10 @@ import dataclasses
 import math
 
 import numpy as np
+from short_scores import score_of
 
 from sb3_piano.metrics import presses_of
-from sb3_piano.music import NUM_KEYS, Note, Pedal, PianoRoll, Score
+from sb3_piano.music import MIN_PITCH, NUM_KEYS, PianoRoll
 from sb3_piano.performance import Performance
 
 STEP = 0.05
@@ -14,10 +15,10 @@ C4, D4, E4 = 39, 41, 43  # keys
 
 
 def note(key, onset, offset, finger=-1):
-    return Note(onset=onset, offset=offset, pitch=key + 21, finger=finger)
+    return onset, offset, key + MIN_PITCH, finger
 
 
-def performance(notes, presses, *, steps=None, pedals=(), pedal_steps=(), title="study"):
+def performance(notes, presses, *, steps=None, pedals=(), pedal_steps=(), title="study", roll=None):
     """Return a performance.
 
     Args:
@@ -27,9 +28,10 @@ def performance(notes, presses, *, steps=None, pedals=(), pedal_steps=(), title=
         pedals: (onset, offset) s of each press of the pedal that is due.
         pedal_steps: The control steps at which it was down.
         title: The piece's.
+        roll: What is due in place of notes and pedals.
     """
-    pedals = [Pedal(onset=onset, offset=offset) for onset, offset in pedals]
-    roll = PianoRoll.from_score(Score(notes=notes, pedals=pedals, title=title), STEP)
+    if roll is None:
+        roll = PianoRoll.from_score(score_of(*notes, pedals=pedals, title=title), STEP)
     steps = len(roll) if steps is None else steps
     key_active = np.zeros((steps, NUM_KEYS), dtype=bool)
     press_finger = np.full((steps, NUM_KEYS), -1, dtype=np.int8)
@@ -78,15 +80,8 @@ def metrics_of(played):
 
 def resting(played):
     """Return the same piece with nothing played."""
-    return dataclasses.replace(
-        played,
-        key_active=np.zeros_like(played.key_active),
-        sustain=np.zeros_like(played.sustain),
-        strike_time=np.empty(0),
-        strike_speed=np.empty(0),
-        release_time=np.empty(0),
-        press_finger=np.full_like(played.press_finger, -1),
-    )
+    silent = performance([], [], steps=len(played), roll=played.roll)
+    return dataclasses.replace(silent, title=played.title)
 
 
 def long_performance(count):
@@ -97,16 +92,7 @@ def long_performance(count):
         note(int(key), 0.1 * i, 0.1 * i + 0.3, int(finger))
         for i, (key, finger) in enumerate(zip(keys, fingers, strict=True))
     ]
-    roll = PianoRoll.from_score(Score(notes=notes, title="long"), STEP)
-    key_active = roll.active & (rng.random(roll.active.shape) < 0.5)
-    presses = presses_of(key_active)
-    return Performance(
-        roll=roll,
-        key_active=key_active,
-        sustain=roll.sustain,
-        strike_time=(presses.first + 0.5) * STEP,
-        strike_speed=np.ones(len(presses.first)),
-        release_time=presses.end * STEP,
-        press_finger=np.where(key_active, 3, -1).astype(np.int8),
-        title="long",
-    )
+    roll = PianoRoll.from_score(score_of(*notes, title="long"), STEP)
+    key, first, end = presses_of(roll.active & (rng.random(roll.active.shape) < 0.5))
+    times = zip(key.tolist(), (first + 0.5) * STEP, (end + 0.5) * STEP, strict=True)
+    return performance([], [(*press, 3) for press in times], roll=roll, title="long")

@@ -5,7 +5,6 @@ import os
 import shutil
 import subprocess
 import sys
-import textwrap
 
 import gymnasium as gym
 import numpy as np
@@ -106,6 +105,7 @@ def screen():
 def no_screen(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
+    return monkeypatch
 
 
 def test_without_a_screen_the_error_says_what_to_do(no_screen):
@@ -117,16 +117,10 @@ def test_without_a_screen_the_error_says_what_to_do(no_screen):
 
 
 def test_a_screen_that_cannot_be_reached_is_an_error_and_no_endless_wait(no_screen):
-    program = """
-        import os
-        os.environ["DISPLAY"] = ":4711"
-        from sb3_piano.viewing import check_screen
-        check_screen()
-    """
-    done = run_python(textwrap.dedent(program))
-    assert "RenderingError: Cannot open a window: " in done.stderr
-    assert ":4711" in done.stderr
-    assert "Expected a screen" in done.stderr
+    no_screen.setenv("DISPLAY", ":4711")
+    done = run_python("from sb3_piano.viewing import check_screen\ncheck_screen()")
+    for text in ("RenderingError: Cannot open a window: ", ":4711", "Expected a screen"):
+        assert text in done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -141,25 +135,14 @@ def shown(screen):
 
 
 @pytest.mark.slow
-def test_an_environment_is_shown_in_real_time_until_it_is_closed(shown):
+def test_environments_and_takes_are_shown_in_real_time_in_one_window_until_it_is_closed(shown):
     opened, still_open, returned, period, same_positions = shown["env"]
-    assert opened
-    assert not still_open
-    assert same_positions
-    assert returned is None
+    assert (opened, still_open, returned, same_positions) == (True, False, None, True)
     assert period >= 0.05 * 0.999  # a lower bound only: sleep never ends early
-
-
-@pytest.mark.slow
-def test_there_is_one_window_and_copies_of_the_environment_are_not_shown(shown):
-    rendered, told = shown["others"]
-    assert rendered is None
-    assert told.startswith("Cannot open a window: another one is open. Expected one environment")
-
-
-@pytest.mark.slow
-def test_a_take_is_shown_in_real_time(shown):
     assert shown["take"] >= 0.05
+    of_a_copy, told = shown["others"]
+    assert of_a_copy is None
+    assert told.startswith("Cannot open a window: another one is open. Expected one environment")
 
 
 @pytest.mark.slow

@@ -9,10 +9,11 @@ import av
 import numpy as np
 import pytest
 from hearing import loudness, onsets_in
+from short_scores import score_of
 from tables import Tables
 
 from sb3_piano.exceptions import ConfigError, RenderingError
-from sb3_piano.music import SAMPLE_RATE, Note, Score, synthesize, write_wav
+from sb3_piano.music import SAMPLE_RATE, synthesize, write_wav
 from sb3_piano.viewing import write_video
 
 tables = Tables(__file__)
@@ -44,11 +45,9 @@ def children_of_this_process():
 @pytest.fixture
 def wav(tmp_path):
     """A sound file of notes that are struck at 0.21, 0.75 and 1.3333 s; 2.5 s long."""
-    notes = [
-        Note(onset=t, offset=t + 0.1, pitch=60 + i) for i, t in enumerate((0.21, 0.75, 1.3333))
-    ]
+    notes = ((time, time + 0.1, 60 + i) for i, time in enumerate((0.21, 0.75, 1.3333)))
     path = tmp_path / "sound.wav"
-    write_wav(path, synthesize(Score(notes=notes), at_least=2.5))
+    write_wav(path, synthesize(score_of(*notes), at_least=2.5))
     return path
 
 

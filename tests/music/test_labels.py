@@ -58,18 +58,7 @@ def test_a_table_gives_fingers_as_ours_or_by_hand(table):
         assert found.bars == PLAIN.bars
 
 
-@pytest.mark.parametrize(
-    ("lines", "expected"),
-    [
-        # of a spreadsheet, with its mark and accents
-        (("\ufeffonset,pitch,finger,who", "0,60,3,Elise", "1.0,62,4,Élise"), [3, -1, 4, -1]),
-        # of pandas, where a column has gaps
-        (
-            ("onset,pitch,finger", "0.0,60.0,1.0", "0.5,61.0,", "1.0,62.0,6.0", "1.5,63,nan"),
-            [1, -1, 6, -1],
-        ),
-    ],
-)
+@tables("lines, expected")
 def test_tables_of_other_programs_are_read(table, lines, expected):
     assert fingers(read_labels(table(*lines), PLAIN)) == expected
 

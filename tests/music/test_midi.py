@@ -4,9 +4,12 @@ import pytest
 from hypothesis import given
 from random_scores import FINGERS, HANDS, all_times, canonical, kept, scores
 from short_scores import note_of as note
+from tables import Tables
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score, load_score, read_midi, write_midi
+
+tables = Tables(__file__)
 
 
 def round_trip(score, folder):
@@ -123,21 +126,10 @@ class TestWrittenBars:
         write_midi(score, tmp_path / "a.mid")
         return read_midi(tmp_path / "a.mid").bars
 
-    @pytest.mark.parametrize(
-        ("bars", "end", "read", "meters"),
-        [
-            ([0, 2, 4, 5.5, 7], 8, None, [(4, 4), (3, 4)]),
-            ([0, 1.23456, 1.7, 4.567891, 9.99], 10, None, None),
-            ([0, 1, 2], 10, None, None),  # the last one lasts longer
-            ([0.5, 2.5, 4.5, 6.5], 8, (0, 0.5, 2.5, 4.5, 6.5), [(1, 4), (4, 4)]),
-            ([0, 400.1], 500, None, None),
-            ([0, 1, 1.00000001, 3], 10, (0, 1, 3), None),
-            ([], 5, (0, 2, 4), None),
-        ],
-    )
+    @tables("bars, end, read, meters")
     def test_come_back_within_half_a_tick(self, bars, end, read, meters, tmp_path):
         assert self.bars(bars, tmp_path, end) == pytest.approx(read or bars, abs=0.5e-4)
-        assert meters is None or signatures(tmp_path / "a.mid") == meters
+        assert meters in (None, list(map(list, signatures(tmp_path / "a.mid"))))
 
     @pytest.mark.parametrize(
         ("length", "signature"),

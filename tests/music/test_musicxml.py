@@ -110,17 +110,7 @@ def test_signs_in_one_part_lead_both(read):
     assert score.duration == 12
 
 
-@pytest.mark.parametrize(
-    ("written", "told"),
-    [
-        # So many repeats within each other are ended early, before the second ending's turn.
-        (
-            "|: C |: D |: E :20| F :20| G :20| [1. A ]:| [2. B ]",
-            "left out bar 7: no sign leads there",
-        ),
-        ("C D <D.S._al_Fine> E", "did not jump in bar 2"),
-    ],
-)
+@tables("written, told")
 def test_a_bar_that_no_sign_leads_to_and_a_jump_to_no_sign_are_told(written, told, read):
     with pytest.warns(ScoreWarning, match=told):
         read(bars(written))
@@ -200,18 +190,7 @@ class TestFiles:
         ):
             read_musicxml(tmp_path / "a.xml")
 
-    @pytest.mark.parametrize(
-        ("encoding", "declared"),
-        [
-            ("utf-16", "UTF-16"),
-            ("utf-16-be", "UTF-8"),
-            ("utf-32", "UTF-8"),
-            ("iso-8859-2", "ISO-8859-2"),
-            ("cp1252", "UTF-8"),
-            ("cp1252", "latin-0"),
-            ("mac-roman", "macintosh"),
-        ],
-    )
+    @tables("encoding, declared")
     def test_text_is_decoded_by_its_bytes_before_what_it_declares(
         self, encoding, declared, tmp_path
     ):

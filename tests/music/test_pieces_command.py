@@ -9,11 +9,14 @@ import pytest
 from printed import read_csv, rows_of
 from short_scores import save_tune as save
 from short_scores import score_of
+from tables import Tables
 
 from sb3_piano.music import BUILT_IN, load_score, pieces, read_midi, read_pig
 from sb3_piano.music.catalogue import of_collection
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.library import Library
+
+tables = Tables(__file__)
 
 TWINKLE = "debug-TwinkleTwinkleLittleStar"
 
@@ -55,14 +58,7 @@ class TestImport:
         assert (status, "Imported" in out) == (2, False)
         assert err.count("bad.mid") == 1
 
-    @pytest.mark.parametrize(
-        ("arguments", "message"),
-        [
-            (("nowhere",), "There is no 'nowhere'"),
-            (("{music}", "--name", "x"), "Name 'x' cannot be given to more than one piece"),
-            (("{music}/a.mid", "--fingering", "x"), "Fingering 'x' is not valid"),
-        ],
-    )
+    @tables("arguments, message")
     def test_a_mistake_is_told(self, run, music, arguments, message):
         status, _, err = run("import", *(text.format(music=music) for text in arguments))
         assert (status, message in err) == (2, True)
@@ -191,14 +187,7 @@ class TestRemove:
         assert (status, out) == (0, "Removed: a\nRemoved: b\n")
         assert len(Library().names()) == 0
 
-    @pytest.mark.parametrize(
-        ("name", "message"),
-        [
-            (TWINKLE, "comes with the package"),
-            ("aa", "No imported piece is named 'aa'"),
-            ("etude-12-WaltzOp64No1", "No imported piece is named"),
-        ],
-    )
+    @tables("name, message")
     def test_others_are_refused_before_any_is_removed(self, run, music, name, message):
         run("import", music, "--jobs", "1")
         status, out, err = run("remove", "a", name)

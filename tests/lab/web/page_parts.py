@@ -15,6 +15,14 @@ WEB = Path(__file__).parents[3] / "web"
 BROKEN_CHORD, MELODY = "arpeggio-CMajor", "debug-TwinkleTwinkleLittleStar"
 """Short pieces that the page of the tests has, the first of them by default."""
 
+PARITY_PIECES = [
+    *("repertoire-FantaisieImpromptu", "repertoire-MapleLeafRag", "repertoire-ClairDeLune"),
+    *("repertoire-ChopinNocturneOp9No2", "repertoire-PathetiqueRondo", "repertoire-BachPreludeC"),
+    *("repertoire-FurElise", "repertoire-Reverie", "hanon-05", "scale-Chromatic"),
+    "debug-CMajorChordProgressionTwoHands",
+]
+"""Pieces that page and Python read and finger alike."""
+
 # Notes of the graphics driver that pictures are read back, which screenshots do.
 _HARMLESS = re.compile(r"GPU stall due to ReadPixels")
 

@@ -3,6 +3,7 @@
 import base64
 import re
 import warnings
+from functools import partial
 from pathlib import Path
 
 import mido
@@ -13,36 +14,26 @@ from damage import variants_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from node_programs import RefusedInputError
+from page_parts import PARITY_PIECES as PIECES
 from random_scores import FINGERS, HANDS, scores
-from short_scores import score_of
+from short_scores import note_of, score_of
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.lab.music import generate_score
 from sb3_piano.lab.web.export import score_table
 from sb3_piano.metrics import Onsets, frame_scores, onset_f1
-from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
+from sb3_piano.music import PianoRoll, Score, load_score, read_midi, write_midi
 from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.music.fingering import apply_fingering, finger_score, without_fingers
 from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, MAX_INTERVAL, cost_tables
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.music.formats.midi_hands import hand_of_name
-from sb3_piano.music.presses import presses_of_hand
+from sb3_piano.music.presses import Press, presses_of_hand
+from sb3_piano.music.roll import EarlyRelease
 from sb3_piano.planning.problems import summary, unheld
 
 TIMESTEP = 0.05
 CASES = Path(__file__).parents[2] / "music" / "cases"
-PIECES = [
-    "repertoire-FantaisieImpromptu",
-    "repertoire-MapleLeafRag",
-    "repertoire-ChopinNocturneOp9No2",
-    "repertoire-ClairDeLune",
-    "repertoire-PathetiqueRondo",
-    "repertoire-FurElise",
-    "repertoire-Reverie",
-    "hanon-05",
-    "scale-Chromatic",
-    "debug-CMajorChordProgressionTwoHands",
-]
 LABELS = [(-1, None), *FINGERS, *HANDS]
 RIGHT_VALUES, TRACKS = (
     yaml.safe_load((CASES.parent / name).read_text(encoding="utf-8"))
@@ -77,17 +68,35 @@ def crowded(seed, *, labels):
         for _ in range(random.choice([1, 1, 2, 3, 5, 8, 13])):
             onset = time + random.choice([0.0, 0.01])
             finger, hand = LABELS[random.integers(len(LABELS))] if labels else (-1, None)
-            notes.append(
-                Note(
-                    onset=onset,
-                    offset=onset + random.choice([0.05, 0.2, 0.7, random.uniform(0.01, 2)]),
-                    pitch=int(np.clip(random.normal(60, 14), 21, 108)),
-                    finger=finger,
-                    hand=hand,
-                )
-            )
+            offset = onset + random.choice([0.05, 0.2, 0.7, random.uniform(0.01, 2)])
+            pitch = int(np.clip(random.normal(60, 14), 21, 108))
+            notes.append(note_of(onset, offset, pitch, hand or finger))
         time += random.choice([0.06, 0.125, 0.25, random.uniform(0.04, 1)])
     return Score(notes=notes, title="crowded")
+
+
+def few(seed):
+    """Return a score of five notes."""
+    random = np.random.default_rng(seed)
+    onsets = np.cumsum(random.choice([0.0, 0.1, 0.5, 1.5], 5)).tolist()
+    lengths, pitches = random.uniform(0.1, 1, 5).tolist(), random.integers(48, 73, 5).tolist()
+    return score_of(
+        *((on, on + for_, p) for on, for_, p in zip(onsets, lengths, pitches, strict=True))
+    )
+
+
+def doubled(seed):
+    """Return a score of notes that lie on each other."""
+    score = overlapping(crowded(seed, labels=False))
+    return Score(notes=[*score.notes, *score.notes[::2]])
+
+
+def bare(name):
+    return without_fingers(load_score(name), keep_hands=False)
+
+
+def generated(seed):
+    return generate_score(np.random.default_rng(seed), 10.0, near=seed % 2 == 0)
 
 
 def test_dynamics_are_the_same_map(music):
@@ -153,25 +162,19 @@ class TestMidi:
 
 
 class TestFingers:
-    @pytest.mark.parametrize("known", ["as written", "no hands or fingers"])
-    @pytest.mark.parametrize("name", PIECES)
-    def test_a_piece_has_the_same_hands_and_fingers(self, music, name, known):
-        score = load_score(name)
-        if known != "as written":
-            score = without_fingers(score, keep_hands=False)
-        assert_fingered_alike(music, score)
-
-    @pytest.mark.slow
-    @pytest.mark.parametrize("seed", range(5))
-    def test_generated_music_has_the_same_hands_and_fingers(self, music, seed):
-        score = generate_score(np.random.default_rng(seed), 10.0, near=seed % 2 == 0)
-        assert_fingered_alike(music, score)
-
-    @pytest.mark.slow
-    @pytest.mark.parametrize("labels", [True, False])
-    @pytest.mark.parametrize("seed", range(2))
-    def test_crowded_chords_have_the_same_hands_and_fingers(self, music, seed, labels):
-        assert_fingered_alike(music, crowded(seed, labels=labels))
+    @pytest.mark.parametrize(
+        ("make", "of"),
+        [
+            *((make, name) for make in (load_score, bare) for name in PIECES),
+            *((make, seed) for make in (partial(crowded, labels=True), few) for seed in range(20)),
+            *((partial(crowded, labels=False), seed) for seed in range(2)),
+            *((generated, seed) for seed in range(5)),
+            (doubled, 2),
+        ],
+    )
+    def test_music_has_the_same_hands_and_fingers(self, music, make, of):
+        found = music("robot", score=make(of), controlTimestep=TIMESTEP)
+        assert found["notes"] == score_table(apply_fingering(make(of), "robot", TIMESTEP))["notes"]
 
     @pytest.mark.parametrize("control_timestep", [0.025, 0.1])
     def test_fingers_are_those_for_the_length_of_a_control_step(self, music, control_timestep):
@@ -182,30 +185,11 @@ class TestFingers:
 
     def test_the_costs_of_two_keys_are_the_same_to_the_last_digit(self, music):
         found, expected = music("costs"), cost_tables(DEFAULT_WEIGHTS)
-        for name, table in (
-            ("moves", expected.moves),
-            ("chordMoves", expected.chord_moves),
-            ("colours", expected.colours),
-            ("grips", expected.grips),
-            ("far", expected.far),
-            ("shifts", expected.shifts),
-            ("fullShifts", expected.full_shifts),
-        ):
-            whole = np.broadcast_to(table, (12, 2 * MAX_INTERVAL + 1, 5, 5))
-            assert np.array_equal(np.array(found[name]).reshape(whole.shape), whole), name
-
-    def test_a_few_notes_have_the_same_hands_and_fingers(self, music):
-        random = np.random.default_rng(3)
-        for _ in range(60):
-            time, notes = 0.0, []
-            for pitch in random.integers(48, 73, size=5).tolist():
-                time += random.choice([0.0, 0.1, 0.5, 1.5])
-                notes.append(Note(onset=time, offset=time + random.uniform(0.1, 1), pitch=pitch))
-            assert_fingered_alike(music, Score(notes=notes))
-
-    def test_notes_that_lie_on_each_other_have_the_same_hands(self, music):
-        score = overlapping(crowded(2, labels=False))
-        assert_fingered_alike(music, Score(notes=[*score.notes, *score.notes[::2]]))
+        for name in ("moves", "chord_moves", "colours", "grips", "far", "shifts", "full_shifts"):
+            whole = np.broadcast_to(getattr(expected, name), (12, 2 * MAX_INTERVAL + 1, 5, 5))
+            first, *rest = name.split("_")
+            table = np.array(found[first + "".join(rest).title()])
+            assert np.array_equal(table.reshape(whole.shape), whole), name
 
     @pytest.mark.parametrize("labels", [True, False])
     def test_a_pianists_fingers_are_the_same(self, music, labels):
@@ -231,34 +215,23 @@ class TestRoll:
 
     @pytest.mark.parametrize("early", [1e-9, 1e-7])
     def test_noise_in_times_is_rounded_off_as_by_python(self, music, early):
-        times = [number * 0.05 - early for number in range(1, 9)]
-        notes = [
-            Note(onset=time, offset=time + 0.05, pitch=60 + number)
-            for number, time in enumerate(times)
-        ]
-        score = Score(notes=notes)
+        notes = ((0.05 * n - early, 0.05 * n - early + 0.05, 60 + n) for n in range(1, 9))
+        score = score_of(*notes)
         found = music("roll", score=score, controlTimestep=TIMESTEP, initialBufferTime=0)
         assert_same_roll(found, PianoRoll.from_score(score, TIMESTEP))
 
-    @pytest.mark.parametrize("name", PIECES)
-    def test_hands_let_go_of_the_same_notes(self, music, name):
-        score = finger_score(load_score(name).transpose(1))
+    @pytest.mark.parametrize("of", [*PIECES, 0, 1, 2])
+    def test_hands_let_go_of_the_same_notes(self, music, of):
+        chords = isinstance(of, int)
+        score = finger_score(crowded(of, labels=True) if chords else load_score(of).transpose(1))
         roll = release_early(PianoRoll.from_score(score, TIMESTEP))
-        found = music("held", score=score, controlTimestep=TIMESTEP)
-        assert_same_roll(found, roll)
-        assert_same_releases(found, roll)
-
-    @pytest.mark.parametrize("seed", range(3))
-    def test_hands_let_go_of_the_same_notes_of_crowded_chords(self, music, seed):
-        score = finger_score(crowded(seed, labels=True))
-        roll = release_early(PianoRoll.from_score(score, TIMESTEP))
-        assert len(roll.early_releases) > 0
+        assert len(roll.early_releases) > 0 or not chords
         found = music("held", score=score, controlTimestep=TIMESTEP)
         assert_same_roll(found, roll)
         assert_same_releases(found, roll)
 
     def test_a_piece_of_millions_of_steps_is_refused(self, music):
-        score = Score(notes=[Note(onset=0, offset=50_001, pitch=60)], title="endless")
+        score = score_of((0, 50_001, 60), title="endless")
         with pytest.raises(ScoreError):
             PianoRoll.from_score(score, TIMESTEP)
         with pytest.raises(RefusedInputError, match="“endless” lasts 50001 s, too long"):
@@ -315,7 +288,7 @@ class TestMetrics:
         assert 0.1 < found[-1]["onset_f1"] < 0.95
 
     def test_a_strike_at_the_edge_of_the_tolerance_hits(self, music):
-        score = Score(notes=[Note(onset=0.1, offset=0.5, pitch=60)])
+        score = score_of((0.1, 0.5, 60))
         hits = []
         for time in (0.05, 0.04994, 0.15, 0.1501):
             strikes = [{"key": 39, "time": time}]
@@ -333,11 +306,6 @@ def assert_read_alike(music, score, folder):
     assert found == score_table(read_midi(path))
 
 
-def assert_fingered_alike(music, score):
-    found = music("robot", score=score, controlTimestep=TIMESTEP)
-    assert found["notes"] == score_table(apply_fingering(score, "robot", TIMESTEP))["notes"]
-
-
 def assert_same_roll(found, roll):
     assert found["steps"] == len(roll)
     for name in ("active", "finger", "onset"):
@@ -349,32 +317,15 @@ def assert_same_roll(found, roll):
 
 
 def assert_same_releases(found, roll):
-    releases = [
-        (one["key"], one["finger"], one["onset"], one["offset"], one["release"], one["forKey"])
-        for one in found["earlyReleases"]
-    ]
-    assert releases == [
-        (one.key, one.finger, one.onset, one.offset, one.release, one.for_key)
-        for one in roll.early_releases
-    ]
-    presses = [
-        [(one["key"], one["finger"], one["first"], one["last"]) for one in hand]
-        for hand in found["presses"]
-    ]
-    assert presses == [
-        [(one.key, one.finger, one.first, one.last) for one in presses_of_hand(roll, hand)]
-        for hand in (0, 1)
-    ]
+    for hand, presses in enumerate(found["presses"]):
+        assert [Press(**one) for one in presses] == presses_of_hand(roll, hand)
+    releases = [{"for_key": one.pop("forKey"), **one} for one in found["earlyReleases"]]
+    assert tuple(EarlyRelease(**one) for one in releases) == roll.early_releases
 
 
 def overlapping(score):
     """Return a score with each note a second time, longer and a little later: strikes overlap."""
-    again = [
-        Note(
-            onset=note.onset + 0.06, offset=note.offset + 0.2, pitch=note.pitch, finger=note.finger
-        )
-        for note in score.notes
-    ]
+    again = [note_of(n.onset + 0.06, n.offset + 0.2, n.pitch, n.finger) for n in score.notes]
     return Score(notes=[*score.notes, *again], pedals=score.pedals, title=score.title)
 
 

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import safetensors.numpy
+from page_parts import PARITY_PIECES
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
@@ -44,18 +45,6 @@ EDGES = Score(
     ],
     title="ends of the keyboard",
 )
-PIECES = [
-    "repertoire-FantaisieImpromptu",
-    "repertoire-MapleLeafRag",
-    "repertoire-ChopinNocturneOp9No2",
-    "repertoire-ClairDeLune",
-    "repertoire-PathetiqueRondo",
-    "repertoire-BachPreludeC",
-    "repertoire-Reverie",
-    "hanon-05",
-    "scale-Chromatic",
-    "debug-CMajorChordProgressionTwoHands",
-]
 STEADY = ["repertoire-BachMinuetG", "repertoire-BachPreludeC", "repertoire-FurElise"]
 """Pieces whose F1 in Python stays when the joints begin 1e-4 rad elsewhere. That of a hard one (the
 Maple Leaf Rag) changes by 0.04 when it is 1e-9: two versions of MuJoCo differ by more."""
@@ -121,7 +110,7 @@ def roll_arrays(roll):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.PlanWarning")  # of notes left out
-@pytest.mark.parametrize("piece", [*PIECES, pytest.param(EDGES, id="edges")])
+@pytest.mark.parametrize("piece", [*PARITY_PIECES, pytest.param(EDGES, id="edges")])
 def test_it_reads_observes_and_acts_as_in_python(reader, folder, piece, tmp_path):
     file = tmp_path / "states.safetensors"
     env, observed, acted = performed(piece, file, every=1 if piece is EDGES else 5)

@@ -6,22 +6,16 @@ import zipfile
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_scores import score_of
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
-from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.music.formats import read_score, write_score
 
 FORMATS = ["mid", "txt", "musicxml", "mxl"]
 EXAMPLES = 100
 
-SCORE = Score(
-    notes=[
-        *(Note(onset=t / 2, offset=t / 2 + 1, pitch=60 + t, finger=t) for t in range(8)),
-        Note(onset=1, offset=3, pitch=40, hand="left", velocity=33),
-    ],
-    pedals=[Pedal(onset=0, offset=3)],
-    bars=[0, 1, 2.5],
-)
+NOTES = *((t / 2, t / 2 + 1, 60 + t, t) for t in range(8)), (1, 3, 40, "left")
+SCORE = score_of(*NOTES, pedals=[(0, 3)], bars=[0, 1, 2.5])
 
 
 @pytest.fixture(scope="module", params=FORMATS)

@@ -86,13 +86,9 @@ def test_a_key_beside_labels_that_leave_its_place_no_finger_takes_one_from_elsew
     assert numbers(chord)[1] in (1, 4, 5)
 
 
-def test_of_more_than_five_keys_the_outer_five_have_a_finger():
+def test_of_more_than_five_keys_those_with_labels_then_the_outer_ones_have_a_finger():
     cluster = [note(0.0, pitch) for pitch in (60, 62, 64, 65, 67, 69, 71)]
     assert numbers(cluster) == [1, 2, 3, 0, 0, 4, 5]
-
-
-def test_labels_go_before_the_outer_keys():
-    cluster = [note(0.0, pitch) for pitch in (60, 62, 64, 65, 67, 69, 71)]
     cluster[3] = replace(cluster[3], finger=2)
     assert numbers(cluster) == [1, 2, 0, 3, 0, 4, 5]
 

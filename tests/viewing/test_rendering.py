@@ -10,9 +10,9 @@ import textwrap
 import mujoco
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.music import Note, Score
 from sb3_piano.simulation import compile_scene, find_gl_backend
 from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR
 from sb3_piano.viewing.frame_renderer import FrameRenderer
@@ -20,7 +20,7 @@ from sb3_piano.viewing.frame_renderer import FrameRenderer
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
 # A white key beside the left hand, due for the right thumb.
-DUE = Score(notes=[Note(onset=0.0, offset=0.2, pitch=48, finger=0)])
+DUE = score_of((0.0, 0.2, 48, 0))
 
 
 def count_dominated_by(channel, picture):

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from html_page import Page
 from playwright.sync_api import expect
+from short_scores import score_of
 
 from sb3_piano.cli import main
 from sb3_piano.envs import EpisodeRecorder
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.training import write_report
 from sb3_piano.viewing.report import Report, replay, report_html
 from sb3_piano.viewing.report.replay import RESOLUTION, player_script, replay_of
 
-SCORE = Score(notes=[Note(onset=0.0, offset=0.45, pitch=60, finger=1)], title="one note")
+SCORE = score_of((0.0, 0.45, 60, 1), title="one note")
 
 
 @pytest.fixture(scope="module")
@@ -71,13 +71,9 @@ def test_every_body_is_where_it_was_to_a_tenth_of_a_millimetre(recorded):
 def test_the_music_is_in_it(recorded):
     _, recording = recorded
     made, performance = replayed(recorded), recording.performance
-    for name, array in {
-        "active.bin": performance.roll.active,
-        "finger.bin": performance.roll.finger,
-        "onset.bin": performance.roll.onset,
-        "sounding.bin": performance.key_active,
-    }.items():
-        found = np.frombuffer(content(made, name), np.int8).reshape(-1, 88)
+    arrays = {name: getattr(performance.roll, name) for name in ("active", "finger", "onset")}
+    for name, array in {**arrays, "sounding": performance.key_active}.items():
+        found = np.frombuffer(content(made, f"{name}.bin"), np.int8).reshape(-1, 88)
         np.testing.assert_array_equal(found, array.astype(np.int8), err_msg=name)
     facts = json.loads(content(made, "facts.json"))
     assert facts["metrics"]["f1"] == recording.metrics["f1"]

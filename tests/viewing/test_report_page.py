@@ -29,15 +29,9 @@ def curves(*names):
 
 
 def test_the_page_says_who_played_what_and_how_well():
-    page = Page(
-        report_html(
-            report(
-                subtitle="TD3 after 700 steps of training",
-                facts=[("Physics", "fast")],
-                commands=[("This report", "sb3-piano report runs/x")],
-            )
-        )
-    )
+    origin = {"facts": [("Physics", "fast")], "subtitle": "TD3 after 700 steps of training"}
+    commands = [("This report", "sb3-piano report runs/x")]
+    page = Page(report_html(report(**origin, commands=commands)))
     assert page.stack == []
     for text in (
         "TD3 after 700 steps of training study",
@@ -93,17 +87,9 @@ def test_labels_begin_a_line_and_numbers_are_rounded(name, value, label, text):
 def test_names_are_text_whatever_they_hold():
     played = three_notes(title=EVIL)
     metrics = {**metrics_of(played), f"return_{EVIL}": 1.0}
-    html = report_html(
-        report(
-            played,
-            metrics=metrics,
-            baseline=None,
-            curves=curves("music/f1", f"reward/{EVIL}"),
-            subtitle=EVIL,
-            facts=[(EVIL, EVIL)],
-            commands=[(EVIL, EVIL)],
-        )
-    )
+    facts = {"subtitle": EVIL, "facts": [(EVIL, EVIL)], "commands": [(EVIL, EVIL)]}
+    drawn = {"baseline": None, "curves": curves("music/f1", f"reward/{EVIL}")}
+    html = report_html(report(played, metrics=metrics, **drawn, **facts))
     page = Page(html)
     assert page.stack == []
     assert page.text.count(EVIL) == 7  # head, heading, subtitle, fact and command twice each

@@ -7,19 +7,13 @@ import typing
 import mujoco
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.cli.play import VIEWS
 from sb3_piano.envs import PianoEnv
-from sb3_piano.music import Note, Score
 from sb3_piano.simulation import compile_scene, find_gl_backend
-from sb3_piano.viewing import (
-    FINGER_COLORS,
-    PRESSED_COLOR,
-    UNLABELLED_COLOR,
-    WRONG_COLOR,
-    View,
-    geom_colors,
-)
+from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, View, geom_colors
+from sb3_piano.viewing.moment import UNLABELLED_COLOR, WRONG_COLOR
 from sb3_piano.viewing.note_bars import Stretch
 from sb3_piano.viewing.stage import FIELD_OF_VIEW
 from sb3_piano.viewing.views import SHOTS, place_camera
@@ -64,7 +58,7 @@ def test_a_key_that_sounds_is_green_or_red_where_right_and_wrong_are_told_apart(
 @pytest.mark.slow
 @needs_gl
 def test_each_view_is_another_picture():
-    score = Score(notes=[Note(onset=0.0, offset=0.2, pitch=60, finger=0)])
+    score = score_of((0.0, 0.2, 60, 0))
     pictures = []
     for view in VIEWS:
         env = PianoEnv(score, render_mode="rgb_array", view=view, width=160, height=90)

@@ -9,6 +9,7 @@ import socket
 import sys
 
 import pytest
+from printed import rows_of
 from rich.console import Console
 
 import sb3_piano.lab.bench
@@ -24,11 +25,17 @@ def _short(short, monkeypatch, tmp_path):
     monkeypatch.setattr(players, "PLANNED", 0.5)
 
 
-def shown(report):
+def row(name, value, part="simulation", unit="steps/s", ratios=None, **more):
+    return Row(part=part, name=name, value=value, unit=unit, ratios=ratios or {}, **more)
+
+
+def shown(*rows, peer=None):
+    """Return the lines of the table of a report."""
     console = Console(width=80)
+    report = BenchReport(machine=MACHINE, peer=peer, rows=rows, interrupted=False)
     with console.capture() as capture:
         console.print(render(report))
-    return capture.get()
+    return capture.get().splitlines()
 
 
 @pytest.mark.slow
@@ -101,16 +108,13 @@ MACHINE = {
 
 
 def test_the_table_has_the_rows_with_their_ratios():
-    rows = (
-        Row(part="simulation", name="a", value=1234.6, unit="steps/s", ratios={}, by_round=(1, 2)),
-        Row(part="simulation", name="b", value=56.78, unit="steps/s",
-            ratios={"x of a": 0.04567, "env/bare": 1.119}, by_round=(1, 2)),
-        Row(part="memory", name="c", value=9.16, unit="GB", ratios={"x of d": 12.34}),
-    )  # fmt: skip
-    report = BenchReport(
-        machine=MACHINE, peer={"robopianist": "1.0.10"}, rows=rows, interrupted=False
+    rounds = {"by_round": (1, 2)}
+    lines = shown(
+        row("a", 1234.6, **rounds),
+        row("b", 56.78, ratios={"x of a": 0.04567, "env/bare": 1.119}, **rounds),
+        row("c", 9.16, "memory", "GB", ratios={"x of d": 12.34}),
+        peer={"robopianist": "1.0.10"},
     )
-    lines = shown(report).splitlines()
     assert lines[:5] == [
         "RoboPianist-debug-CMajorScaleTwoHands-v0, 2030-01-02 03:04+00:00",
         "python 3.11.7, mujoco 3.17.0",
@@ -118,8 +122,7 @@ def test_the_table_has_the_rows_with_their_ratios():
         "The peer: robopianist 1.0.10",
         "Rounds: 2. env/bare: time of the env over that of its mj_step.",
     ]
-    cells = [[c.strip() for c in line.strip("│").split("│")] for line in lines if line[0] == "│"]
-    assert cells == [
+    assert rows_of("\n".join(lines)) == [
         ["Simulation, steps/s", "", ""],
         ["a", "1235", ""],
         ["b", "56.8", "0.0457 x of a"],
@@ -130,13 +133,9 @@ def test_the_table_has_the_rows_with_their_ratios():
 
 
 def test_the_table_has_processor_time_where_it_was_measured():
-    rows = (
-        Row(part="simulation", name="a", value=1.5, unit="steps/s", ratios={"x of b": 0.375},
-            processor=4.0, processor_ratios={"x of b": 0.5}),
-        Row(part="memory", name="c", value=9.16, unit="GB", ratios={}),
-    )  # fmt: skip
-    lines = shown(BenchReport(machine=MACHINE, peer=None, rows=rows, interrupted=False)).split("\n")
-    cells = [[c.strip() for c in line.strip("│").split("│")] for line in lines if line[:1] == "│"]
+    timed = {"processor": 4.0, "processor_ratios": {"x of b": 0.5}}
+    lines = shown(row("a", 1.5, ratios={"x of b": 0.375}, **timed), row("c", 9.16, "memory", "GB"))
+    cells = rows_of("\n".join(lines))
     assert cells[1] == ["a", "1.50", "4.00", "0.375, 0.500 x of b"]
     assert cells[3] == ["c", "9.16", "", ""]
 

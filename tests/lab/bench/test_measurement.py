@@ -38,14 +38,8 @@ def test_a_ratio_is_the_median_of_the_rounds_ratios_not_the_ratio_of_the_medians
 
 
 def test_shares_of_time_are_medians_too():
-    samples = iter(
-        [
-            Sample(1, 1.0, {"in the learner": 0.0}),
-            Sample(1, 2.0, {"in the learner": 1.0}),
-            Sample(1, 4.0, {"in the learner": 3.2}),
-            Sample(1, 1.0, {"in the learner": 0.6}),
-        ]
-    )
+    times = ((1.0, 0.0), (2.0, 1.0), (4.0, 3.2), (1.0, 0.6))
+    samples = iter([Sample(1, all_, {"in the learner": part}) for all_, part in times])
     rows = []
     ours = Measurement(name="ours", unit="steps/s", run=lambda: next(samples))
     measure("training", [ours], 3, rows)

@@ -152,12 +152,8 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
     assert {sample.count for sample in samples} == {2}
     expected = {}
     for algo, kind in CLASSES.items():
-        for observation, size in (
-            ("roll", 1124),
-            ("window", 584),
-            ("fingers", 130),
-            ("hands", 758),
-        ):
+        sizes = {"roll": 1124, "window": 584, "fingers": 130, "hands": 758}
+        for observation, size in sizes.items():
             expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4, "highest", True)
         expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4, "highest", True)
         if algo == "sac":

@@ -9,6 +9,7 @@ from sb3_piano.lab.music.generation import STYLES
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK
 from sb3_piano.music.fingering import apply_fingering, assign_hands, without_fingers
+from sb3_piano.music.fingering.ergonomic import struck_together as chords_of
 from sb3_piano.music.fingering.robot import release_early
 
 DURATION = 12.0
@@ -22,14 +23,8 @@ def generated(style: str, seed: int) -> Score:
 
 def struck_together(score: Score, hand: str) -> list[list[int]]:
     """Return the pitches of each chord that a hand strikes."""
-    chords: list[list[int]] = []
-    last = -1.0
-    for note in (note for note in score.notes if note.hand == hand):
-        if note.onset - last > 0.03:
-            chords.append([])
-            last = note.onset
-        chords[-1].append(note.pitch)
-    return chords
+    notes = [note for note in score.notes if note.hand == hand]
+    return [[notes[at].pitch for at in chord] for chord in chords_of(notes)]
 
 
 @pytest.mark.parametrize("style", STYLES)

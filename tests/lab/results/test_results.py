@@ -80,13 +80,10 @@ def test_the_held_out_list_has_results_of_both_players_with_its_seeds():
     assert keys == {(p, who, seeds) for p in pieces for who in ("planned", "sight-reader")}
 
 
-def test_results_are_of_the_scores_that_the_package_has():
+def test_results_are_of_the_scores_and_the_network_that_the_package_has():
     for piece in {r.piece for r in ALL_RESULTS if not is_generated(r.piece)}:
         digests = {r.score_sha256 for r in ALL_RESULTS if r.piece == piece}
         assert digests == {digest(load_score(piece))}, piece
-
-
-def test_results_of_the_sight_reader_are_of_the_network_that_the_package_has():
     digests = {r.player_sha256 for r in ALL_RESULTS if r.player.startswith("sight-reader")}
     assert digests == {player_digest("sight-reader")}
 
@@ -117,34 +114,31 @@ def test_a_file_has_one_result_of_a_piece_a_player_and_a_physics():
         Results(results=(result(), result(f1=[0.1, 0.1])))
 
 
-def test_a_file_of_another_schema_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("now", "message"),
+    [
+        ('"schema_version": 4', "schema_version"),
+        ('"schema_version": 2', "is 2, of results without noise: measure"),
+        ("no json", r"\(Invalid JSON: .*\): .*\."),
+    ],
+)
+def test_a_file_of_another_schema_or_that_is_no_json_is_told_in_a_line(tmp_path, now, message):
     file = tmp_path / "results.json"
     Results(results=(result(),)).write(file)
-    kept = file.read_text()
-    for version, message in ((4, "schema_version"), (2, "is 2, of results without noise: measure")):
-        file.write_text(kept.replace('"schema_version": 3', f'"schema_version": {version}'))
-        with pytest.raises(ConfigError, match=f"^'.*results.json' does not fit.*{message}.*$"):
-            Results.read(file)
+    file.write_text(file.read_text().replace('"schema_version": 3', now))
+    with pytest.raises(ConfigError, match=f"^'.*results.json' does not fit.*{message}.*$"):
+        Results.read(file)
 
 
-def test_a_file_that_is_no_json_is_told_in_a_line(tmp_path):
-    (tmp_path / "x").write_text("x")
-    with pytest.raises(ConfigError, match=r"^'.*x' does not fit .* \(Invalid JSON: .*\): .*\.$"):
-        Results.read(tmp_path / "x")
-
-
-def test_seeds_given_twice_are_refused(tmp_path, capsys):
-    arguments = [
-        "--pieces",
-        "scale-AMajor",
-        "--seeds",
-        "0",
-        "0",
-        "--out",
-        str(tmp_path / "out.json"),
-    ]
+def test_seeds_given_twice_and_who_is_no_player_are_refused_before_anything_is_played(
+    tmp_path, capsys
+):
+    arguments = ["--pieces", "scale-AMajor", "--seeds", "0", "0", "--out", str(tmp_path / "out")]
     assert main(["results", "measure", *arguments]) == 2
     assert "Seed 0 is given 2 times: expected each seed once" in capsys.readouterr().err
+    assert main(["results", "measure", "--players", "sightreader"]) == 2
+    error = capsys.readouterr().err
+    assert "There is no player or folder 'sightreader': expected one of planned" in error
 
 
 def test_a_file_of_another_kind_is_told_before_anything_is_played(tmp_path, capsys):
@@ -220,24 +214,21 @@ def test_as_many_digits_are_shown_as_hold():
 def test_aggregates_are_of_the_pieces_that_all_have_played():
     other = result(piece="repertoire-OdeToJoy", f1=[1, 1], onset_f1=[1, 1])
     rows = aggregate_table([result(), other, result(player="sight-reader", f1=[0.8, 0.8])])
+    onset = "onset F1 | 0.38 | 0.25 to 0.50 | - |"
     assert rows.splitlines()[2:] == [
-        "| planned | 1 | 2 | F1 | 0.60 | 0.50 to 0.70 | - |",
-        "| planned | 1 | 2 | onset F1 | 0.38 | 0.25 to 0.50 | - |",
-        "| sight-reader | 1 | 2 | F1 | 0.800 | - | - |",
-        "| sight-reader | 1 | 2 | onset F1 | 0.38 | 0.25 to 0.50 | - |",
+        f"| {player} | 1 | 2 | {measured}"
+        for player, f1 in (("planned", "0.60 | 0.50 to 0.70"), ("sight-reader", "0.800 | -"))
+        for measured in (f"F1 | {f1} | - |", onset)
     ]
     fewer = result(piece="repertoire-OdeToJoy", f1=[1], onset_f1=[1], seeds=(0,))
     last = aggregate_table([result(), fewer]).splitlines()[-1]
     assert last == "No means of planned: not as many seeds of each piece."
 
 
-def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end():
+def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end_and_seeds_are_of_a_piece():
+    """Seeds that all play the same give no width, however much pieces differ."""
     assert aggregate([[0.0, 0.4], [0.6, 1.0]]).iqm == pytest.approx(0.5)
     assert aggregate([[0.0, 0.1], [0.3, 1.0]]).iqm == pytest.approx(0.2)
-
-
-def test_seeds_are_drawn_within_a_piece_and_pieces_only_on_demand():
-    """Seeds that all play the same give no width, however much pieces differ."""
     found = aggregate([[0.1] * 3, [0.5] * 3, [0.9] * 3])
     assert found.over_seeds is None
     low, high = found.over_pieces
@@ -338,12 +329,6 @@ def test_other_scores_and_networks_are_found_before_anything_is_played(measured)
     other = {"score_sha256": "0" * 64, "player_sha256": "0" * 64}
     told = checking.check(one.model_copy(update=other)).problems
     assert [problem.partition(":")[0] for problem in told] == list(other)
-
-
-def test_who_is_no_player_is_told_before_anything_is_played(capsys):
-    assert main(["results", "measure", "--players", "sightreader"]) == 2
-    error = capsys.readouterr().err
-    assert "There is no player or folder 'sightreader': expected one of planned" in error
 
 
 @pytest.mark.slow

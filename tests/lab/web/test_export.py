@@ -55,17 +55,14 @@ def exported(tmp_path_factory):
     return folder, json.loads(catalogue.read_text("utf-8")), told
 
 
-def test_the_xml_is_the_scene_to_the_last_digit(scene):
-    model = mujoco.MjModel.from_xml_string(scene_xml(scene))
+def test_the_xml_is_the_scene_to_the_last_digit_and_old_mujocos_can_read_it(scene):
+    xml = scene_xml(scene)
+    model = mujoco.MjModel.from_xml_string(xml)
     for name in SAME_IN_THE_MODEL:
         np.testing.assert_array_equal(getattr(model, name), getattr(scene.model, name), name)
     names = [[m.body(i).name for i in range(m.nbody)] for m in (model, scene.model)]
     assert names[0] == names[1]
-
-
-def test_old_mujocos_can_read_the_xml(scene):
-    """3.14 refuses what 3.17 writes of textures and of the inputs of servos."""
-    xml = scene_xml(scene)
+    # MuJoCo 3.14 refuses what 3.17 writes of textures and of the inputs of servos.
     assert "<texture" not in xml
     assert "input=" not in xml
 
@@ -121,10 +118,8 @@ def test_an_export_has_all_that_its_catalogue_names(exported):
         assert (folder / piece[name]).stat().st_size > 0
     score = load_score(folder / piece["midi"])
     assert [note.pitch for note in score.notes] == [60, 64, 67, 72]
-    fingers = [
-        note["finger"] for note in json.loads((folder / piece["score"]).read_text())["notes"]
-    ]
-    assert all(finger >= 0 for finger in fingers)
+    notes = json.loads((folder / piece["score"]).read_text())["notes"]
+    assert all(note["finger"] >= 0 for note in notes)
     assert told[0] == ("A_broken_chord", 0, 2)
     assert told[-1] == ("", 2, 2)
 

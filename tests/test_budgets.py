@@ -54,7 +54,7 @@ LONG_WORK_LINES = 5_150
 TOTALS = {
     "core": {"lines": 47_590, "modules": 315, "names": 401},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 43_300},
+    "tests": {"lines": 42_900},
 }
 
 

@@ -18,6 +18,7 @@ from sb3_piano.cli.common import (
     tell_interrupted,
     whole_number,
 )
+from sb3_piano.cli.play import PLAYER_HELP
 
 if TYPE_CHECKING:
     from sb3_piano.demonstrations.corpus import RecordedCorpus
@@ -26,10 +27,7 @@ _PIECES = (
     "names of pieces, files, patterns such as 'scale-*' or '~/midi/**/*.mid', collections such as "
     "repertoire, or lists in .txt files"
 )
-_PLAYERS = (
-    "planned (default), sampling or sight-reader, with settings as in planned:passes=2 or "
-    "sampling:samples=32; or folders of runs; each plays every excerpt"
-)
+_PLAYERS = f"each plays every excerpt; default: planned; {PLAYER_HELP}"
 _SET = "an option of the environment, such as observation=roll; of no run"
 
 
@@ -58,8 +56,7 @@ def add_arguments(parser: Any) -> None:
 def _corpus(arguments: argparse.Namespace) -> int:
     from sb3_piano.jobs import open_executor
     from sb3_piano.pipelines import CorpusConfig, record_corpus
-    from sb3_piano.pipelines.corpus import corpus_status
-    from sb3_piano.pipelines.corpus_settings import DEFAULT_NOISE
+    from sb3_piano.pipelines.corpus import DEFAULT_NOISE, corpus_status
 
     config = CorpusConfig(
         pieces=arguments.pieces,
@@ -100,9 +97,9 @@ def _show(corpus: RecordedCorpus) -> None:
     from sb3_piano.pipelines.corpus import summary
 
     table = new_table("player", "noise, rad", "performances", "F1", "onset F1")
-    for row in summary(corpus.shards):
-        scores = f"{row.f1:.3f}", f"{row.onset_f1:.3f}"
-        add_row(table, row.player, f"{row.noise:g}", str(row.episodes), *scores)
+    for (player, noise), (count, *scores) in summary(corpus.shards).items():
+        shown = [f"{score:.3f}" for score in scores]
+        add_row(table, player, f"{noise:g}", str(count), *shown)
     print_table(table)
     if corpus.skipped:
         number, why = next(iter(corpus.skipped.items()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import importlib.metadata
-from abc import ABC, abstractmethod
+import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
@@ -70,69 +70,85 @@ class Shard:
         return self.files == _files(self.name, root)
 
 
-class ShardJob(ABC):
-    """Episodes that are to become a data set.
+Playing = Callable[[], AbstractContextManager[tuple[gym.Env[Any, Any], Play]]]
+"""Gives the environment that is recorded, and what plays an episode in it."""
 
-    What is played is a function of the job alone, not of what its process did before.
+
+@dataclass(frozen=True, kw_only=True)
+class ShardJob(Job):
+    """Episodes that are to become a data set; :func:`shard_job` makes one.
+
+    What is played is a function of the job alone, not of what its process did before. An episode
+    that cannot be played raises ``ScoreError`` or ``SimulationDivergedError``.
     """
 
-    root: Path
-    """The folder of the data sets, by a path that all processes have."""
+    digest: str
+    """Checksum of all that decides what the data set holds."""
+    numbers: Sequence[int]
+    """Numbers of the episodes."""
+    metadata: Mapping[str, Any]
+    """What the data set notes about itself, in JSON's types."""
+    playing: Playing
 
     @property
-    @abstractmethod
-    def name(self) -> str:
-        """Name of the data set."""
-
-    @property
-    @abstractmethod
-    def digest(self) -> str:
-        """Checksum of all that decides what the data set holds."""
-
-    @property
-    @abstractmethod
-    def numbers(self) -> Sequence[int]:
-        """Numbers of the episodes."""
-
-    @property
-    @abstractmethod
-    def metadata(self) -> Mapping[str, Any]:
-        """What the data set notes about itself, in JSON's types."""
-
-    @abstractmethod
-    def playing(self) -> AbstractContextManager[tuple[gym.Env[Any, Any], Play]]:
-        """Give the environment that is recorded, and what plays an episode in it.
-
-        An episode that cannot be played raises ``ScoreError`` or ``SimulationDivergedError``.
-        """
-
-    @property
-    def manifest_file(self) -> Path:
+    def result_file(self) -> Path:
         """Where it is noted what the data set is; it is written last."""
-        return self.root / f"{self.name}.json"
+        return self.folder.with_name(f"{self.name}.json")
+
+    def result(self) -> Mapping[str, Any] | None:
+        """Return the manifest of a data set that is there, whole and of the same settings."""
+        found = find_shard(self)
+        return None if found is None else dataclasses.asdict(found)
+
+
+def shard_job(
+    name: str,
+    root: Path,
+    content: Any,
+    numbers: Sequence[int],
+    metadata: Mapping[str, Any],
+    playing: Playing,
+) -> ShardJob:
+    """Return the job of a data set in the folder of all.
+
+    Args:
+        name: Name of the data set.
+        root: The folder, by a path that all processes have.
+        content: All that decides what the data set holds, its name included, in JSON's types.
+        numbers: Numbers of the episodes.
+        metadata: What the data set notes about itself.
+        playing: Gives environment and player; other processes must be able to import it.
+    """
+    text = json.dumps(content, sort_keys=True)
+    return ShardJob(
+        name=name,
+        folder=root / name,
+        work=_make,
+        digest=hashlib.sha256(text.encode()).hexdigest(),
+        numbers=numbers,
+        metadata=metadata,
+        playing=playing,
+    )
 
 
 def find_shard(job: ShardJob) -> Shard | None:
     """Return the data set of a job if it is there, whole and of the same settings."""
     try:
-        shard = read_json(job.manifest_file, Shard, "it is made again.")
+        shard = read_json(job.result_file, Shard, "it is made again.")
     except RunError:
         return None
-    if shard is None or shard.job != job.digest or not shard.is_whole(job.root):
+    if shard is None or shard.job != job.digest or not shard.is_whole(job.folder.parent):
         return None
     return shard
 
 
-def make_shard(job: ShardJob) -> Shard:
-    """Play the episodes of a job and write the data set, in place of any that is there.
-
-    Its manifest is still to be written.
-    """
+def _make(job: ShardJob) -> Mapping[str, Any]:
+    """Play the episodes of a job and write the data set, in place of any that is there."""
     episodes: list[Notes] = []
     skipped, content = {}, hashlib.sha256()
     with (
         job.playing() as (env, play),
-        DatasetWriter(job.name, env, env.spec, overwrite=True, root=job.root) as writer,
+        DatasetWriter(job.name, env, env.spec, overwrite=True, root=job.folder.parent) as writer,
     ):
         for number in job.numbers:
             try:
@@ -143,48 +159,25 @@ def make_shard(job: ShardJob) -> Shard:
             writer.add(episode, {n: note for n, note in notes.items() if not isinstance(note, str)})
             episodes.append(notes)
             _add_content(content, episode)
-        job.manifest_file.unlink(missing_ok=True)  # which would be of the data set before
+        job.result_file.unlink(missing_ok=True)  # which would be of the data set before
         requirements = [f"sb3-piano>={sb3_piano.__version__}"]
         dataset = writer.finish({"requirements": requirements, **job.metadata})
-    return Shard(
+    made = Shard(
         name=job.name,
         job=job.digest,
-        files=_files(job.name, job.root),
+        files=_files(job.name, job.folder.parent),
         content=content.hexdigest(),
         versions=_versions(),
         steps=int(dataset.total_steps),
         episodes=tuple(episodes),
         skipped=skipped,
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Making(Job):
-    """The making of a shard, whose manifest is the result."""
-
-    shard: ShardJob
-
-    @property
-    def result_file(self) -> Path:
-        """The manifest."""
-        return self.shard.manifest_file
-
-    def result(self) -> Mapping[str, Any] | None:
-        """Return the manifest of a data set that is there, whole and of the same settings."""
-        found = find_shard(self.shard)
-        return None if found is None else dataclasses.asdict(found)
-
-
-def making(shards: Sequence[ShardJob]) -> list[Job]:
-    """Return the jobs that make data sets."""
-    return [
-        _Making(name=one.name, folder=one.root / one.name, work=_make, shard=one) for one in shards
-    ]
+    return dataclasses.asdict(made)
 
 
 def make_missing(
     executor: Executor,
-    shards: Sequence[ShardJob],
+    jobs: Sequence[ShardJob],
     tell: Callable[[int, int], object] = lambda done, total: None,
     go_on: str = "give the same command again.",
 ) -> list[Shard]:
@@ -192,7 +185,7 @@ def make_missing(
 
     Args:
         executor: Makes them.
-        shards: What is to be there.
+        jobs: What is to be there.
         tell: Is told how many are done, and of how many.
         go_on: How to go on when a worker died.
 
@@ -200,7 +193,6 @@ def make_missing(
         Exception: What the first one raised that could not be made, once the others are.
         KeyboardInterrupt: If it was interrupted.
     """
-    jobs = making(shards)
     known = status(jobs)
     tell(sum(one.result is not None for one in known), len(jobs))
     outcomes = finish(
@@ -210,10 +202,6 @@ def make_missing(
         if outcome.error is not None:
             raise outcome.error
     return [TypeAdapter(Shard).validate_python(outcome.result) for outcome in outcomes]
-
-
-def _make(job: _Making) -> Mapping[str, Any]:
-    return dataclasses.asdict(make_shard(job.shard))
 
 
 def file_digest(file: Path) -> str:

@@ -1,62 +1,180 @@
-"""The making of a corpus: by any executor, gone on with, the same whoever makes it."""
+"""Corpora: many pieces, played by several players with noise, recorded shard by shard."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import functools
 import hashlib
 import os
 import shlex
+import warnings
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import field
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from annotated_types import Ge, MinLen
+from pydantic import BeforeValidator
 
 from sb3_piano.demonstrations.corpus import DATA, INDEX, RecordedCorpus
 from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
+from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise
+from sb3_piano.demonstrations.recording import play_episode
 from sb3_piano.demonstrations.shards import (
+    Notes,
+    Play,
     Shard,
+    ShardJob,
     file_digest,
     make_missing,
-    making,
+    shard_job,
 )
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs import Outcome, begin_or_go_on, process_pool, status
 from sb3_piano.jobs.folders import shared_folder
 from sb3_piano.links import make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.music import digest
+from sb3_piano.music import Score, digest, load_score, select_pieces
 from sb3_piano.music.library import Library
-from sb3_piano.pipelines.corpus_settings import CorpusConfig
-from sb3_piano.pipelines.performances import CorpusJob, open_player
-from sb3_piano.players import PlayerSpec
-from sb3_piano.players.hand_model import FILE_NAME
-from sb3_piano.training.configuration.env_spec import BASE
-from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.players import Player, PlayerSpec
+from sb3_piano.settings import Count, Index, Listed, NotNegative, Number, Positive, Unit, settings
+from sb3_piano.threads import torch_computing
+from sb3_piano.training.configuration.plugins import Plugin
+from sb3_piano.training.configuration.values import plain
+from sb3_piano.training.playing.player import player_files, player_to_record, stage_for
 from sb3_piano.training.runs.provenance import provenance
-from sb3_piano.training.runs.saved import model_files
+
+if TYPE_CHECKING:
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+
+Env = gym.Env[Any, Any]
 
 _CONFIG = "corpus.yml"
 
+_BY_HAND = {"observation": "hands", "reduced_action_space": False}
 
-@dataclass(frozen=True, kw_only=True)
-class PlayedSo:
-    """How well a player played with a noise."""
+DEFAULT_NOISE = (0.0, 0.03, 0.06, 0.1)
+"""Standard deviations, rad, with which learners see how a planned pianist recovers."""
 
+
+class Performance(NamedTuple):
+    """What is played, by whom, and with how much noise."""
+
+    score: Score
+    piece: str
+    """Name or file of the piece."""
     player: str
-    """The player."""
+    """Its spec, as the settings have it."""
     noise: float
     """Standard deviation of the noise, rad."""
-    episodes: int
-    """Performances."""
-    f1: float
-    """Mean F1."""
-    onset_f1: float
-    """Mean onset F1."""
+    seed: int
+    """Seed of the environment, the player and the noise."""
+
+
+def _pieces(value: Any) -> tuple[str, ...]:
+    found = select_pieces(value)
+    for piece in found:
+        if isinstance(piece, Score):
+            raise ConfigError(
+                f"pieces has {piece.title!r} as a score: expected its name or file, which other "
+                "processes find, too."
+            )
+    return tuple(map(str, found))
+
+
+@settings
+class CorpusConfig:
+    """All settings of a corpus of performances.
+
+    Each excerpt is played by each player, each time in ``episodes`` performances with noise in
+    turns. Performances are numbered in this order; each is a function of the settings and of its
+    number alone.
+
+    Raises:
+        ConfigError: If a setting is unknown, has the wrong type or is out of range.
+    """
+
+    pieces: Annotated[tuple[str, ...], BeforeValidator(_pieces)]
+    """Entries of :func:`~sb3_piano.music.select_pieces`."""
+    players: Annotated[tuple[str, ...], MinLen(1), Listed] = ("planned",)
+    """Specs of players, see :class:`~sb3_piano.players.PlayerSpec`."""
+    excerpts: Count | None = None
+    """How many excerpts are drawn, from the pieces in turns; by default one of each piece."""
+    seconds: Positive | None = None
+    """Length of an excerpt, s, from a note drawn at random; by default pieces are played whole."""
+    episodes: Count = 4
+    """Performances of each excerpt by each player."""
+    noise: Annotated[tuple[Annotated[Number, Ge(0), Unit("rad")], ...], MinLen(1), Listed] = (
+        DEFAULT_NOISE
+    )
+    """Standard deviations of the noise on the actions, rad; an excerpt's performances take
+    turns."""
+    noise_memory: Annotated[NotNegative, Unit("s")] = DEFAULT_MEMORY
+    """Time in which the noise's correlation falls to 1/e, s."""
+    start: Annotated[NotNegative, Unit("rad")] = 0.0
+    """Standard deviation of the joints at the start, rad."""
+    by_hand: bool = False
+    """Whether what is observed and played is by hand (observation "hands" and
+    :class:`~sb3_piano.wrappers.HandActions`), from which ``distill`` learns."""
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the environment, but for the score; runs have their own."""
+    shard: Count = 25
+    """Performances of a data set, which one process plays."""
+    seed: Index = 0
+    """Seed of the excerpts, the noise and the starts."""
+
+    def __post_init__(self) -> None:
+        for player in self.players:
+            PlayerSpec.parse(player)
+
+    def __len__(self) -> int:
+        """Return the number of performances."""
+        return self.n_excerpts * len(self.players) * self.episodes
+
+    @property
+    def n_excerpts(self) -> int:
+        """Number of excerpts."""
+        return len(self.pieces) if self.excerpts is None else self.excerpts
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the settings in YAML's types, with which the class can be called again."""
+        found: dict[str, Any] = plain(dataclasses.asdict(self), "corpus")
+        return found
+
+    def performance(self, number: int) -> Performance:
+        """Return what is played, and by whom, in the performance of a number.
+
+        Raises:
+            ScoreError: If the piece cannot be read.
+        """
+        rest, turn = divmod(number, self.episodes)
+        excerpt, player = divmod(rest, len(self.players))
+        return Performance(
+            score=self._excerpt(excerpt),
+            piece=self.pieces[excerpt % len(self.pieces)],
+            player=self.players[player],
+            noise=self.noise[turn % len(self.noise)],
+            seed=int(np.random.SeedSequence((self.seed, number)).generate_state(1)[0]),
+        )
+
+    def _excerpt(self, number: int) -> Score:
+        score = load_score(self.pieces[number % len(self.pieces)])
+        if self.seconds is None:
+            return score
+        random = np.random.default_rng((self.seed, number, 0))
+        last = max(score.duration - self.seconds, score.notes[0].onset)
+        start = float(random.choice(sorted({n.onset for n in score.notes if n.onset <= last})))
+        part = score.excerpt(start, start + self.seconds)
+        return dataclasses.replace(part, title=f"{score.title} from {start:.2f} s")
 
 
 def record_corpus(
@@ -126,30 +244,97 @@ def record_corpus(
 
 def corpus_status(config: CorpusConfig, folder: str | os.PathLike[str]) -> list[Outcome]:
     """Return how far each shard of a corpus is, also while it is being recorded."""
-    return status(making(_shards(config, _inputs(config), shared_folder(folder))))
+    return status(_shards(config, _inputs(config), shared_folder(folder)))
 
 
-def _shards(config: CorpusConfig, inputs: Mapping[str, str], place: Path) -> list[CorpusJob]:
-    count = -(-len(config) // config.shard)
-    return [CorpusJob(config, inputs, number, place / DATA) for number in range(count)]
+def _shards(config: CorpusConfig, inputs: Mapping[str, str], place: Path) -> list[ShardJob]:
+    """Return the jobs of a corpus; ``inputs`` are checksums of the files that decide it."""
+    settings, size = config.to_mapping(), config.shard
+    about = {name: value for name, value in settings.items() if name != "pieces"}
+    jobs = []
+    for number in range(-(-len(config) // size)):
+        name, numbers = f"shard{number:06d}-v0", range(len(config))[number * size :][:size]
+        metadata = {
+            "algorithm_name": " ".join(config.players),
+            "description": f"Performances {numbers} of a corpus.",
+            "sb3_piano": about,
+        }
+        content, playing = [settings, dict(inputs), name], functools.partial(_playing, config)
+        jobs.append(shard_job(name, place / DATA, content, numbers, metadata, playing))
+    return jobs
 
 
-def summary(shards: Sequence[Shard]) -> list[PlayedSo]:
-    """Return how well each player played with each noise, in the order in which they come."""
+@contextlib.contextmanager
+def _playing(config: CorpusConfig) -> Iterator[tuple[Env, Play]]:
+    """Give the environment that is recorded, and what plays a performance in one like it."""
+    with torch_computing(1), warnings.catch_warnings(), contextlib.ExitStack() as opened:
+        warnings.simplefilter("ignore", PlanWarning)  # scores tell it, of thousands of pieces
+        players = {n: opened.enter_context(open_player(config, n)) for n in config.players}
+
+        def play(number: int) -> tuple[EpisodeBuffer, Notes]:
+            what = config.performance(number)
+            player, env = players[what.player]
+            noise = ActuatorNoise(env, what.noise, config.noise_memory) if what.noise else None
+            episode, notes = play_episode(player, env, what.seed, noise, {"score": what.score})
+            facts = {"performance": float(number), "seed": float(what.seed)}
+            names = {"piece": what.piece, "title": what.score.title, "player": what.player}
+            return episode, {**facts, **names, "noise": what.noise, **notes}
+
+        yield players[config.players[0]][1], play
+
+
+@contextlib.contextmanager
+def open_player(config: CorpusConfig, name: str) -> Iterator[tuple[Player, Env]]:
+    """Give a player and where it plays, as long as the block lasts.
+
+    Raises:
+        ConfigError: If it cannot play there.
+        RunError: If a run cannot be loaded.
+    """
+    spec = PlayerSpec.parse(name)
+    if spec.name == "sampling":
+        one_core = {"n_threads": 1, **spec.arguments}  # as each process has
+        spec = dataclasses.replace(spec, arguments=one_core)
+    options = {"observation": "fingers", "physics": "fast", **config.env_kwargs}
+    if config.by_hand:
+        options |= _BY_HAND
+    stage = stage_for(config.pieces[0], **options)
+    if config.by_hand:
+        acting = Plugin(path="sb3_piano.wrappers.HandActions")
+        stage = dataclasses.replace(stage, wrappers=(acting,))
+    with player_to_record(spec, stage, start=config.start) as (player, env):
+        if spec.is_run:
+            _check_piece_can_be_given(env, spec.name)
+        yield player, env
+
+
+def _check_piece_can_be_given(env: Env, run: str) -> None:
+    piano = env.unwrapped
+    if not isinstance(piano, PianoEnv):
+        raise ConfigError(f"The run '{run}' is no piano's: expected one, for a corpus.")
+    other = piano.default_score.stretch(1.5)
+    env.reset(seed=0, options={"score": other})
+    if not np.isclose(piano.score.duration, other.duration):
+        raise ConfigError(
+            f"The run '{run}' has wrappers that choose what it plays: expected one without, for "
+            "a corpus."
+        )
+
+
+def summary(shards: Sequence[Shard]) -> dict[tuple[str, float], tuple[int, float, float]]:
+    """Return performances, mean F1 and mean onset F1 by player and noise, rad."""
     found: dict[tuple[str, float], list[Any]] = defaultdict(list)
     for shard in shards:
         for notes in shard.episodes:
             found[str(notes["player"]), float(notes["noise"])].append(notes)
-    return [
-        PlayedSo(
-            player=player,
-            noise=noise,
-            episodes=len(episodes),
-            f1=fmean(notes["f1"] for notes in episodes),
-            onset_f1=fmean(notes["onset_f1"] for notes in episodes),
+    return {
+        played: (
+            len(each),
+            fmean(notes["f1"] for notes in each),
+            fmean(notes["onset_f1"] for notes in each),
         )
-        for (player, noise), episodes in found.items()
-    ]
+        for played, each in found.items()
+    }
 
 
 def _check_players(config: CorpusConfig) -> None:
@@ -176,28 +361,8 @@ def _inputs(config: CorpusConfig) -> dict[str, str]:
     imported = set(library.names())
     notes = {name: digest(library.score(name)) for name in config.pieces if name in imported}
     files = [Path(name) for name in config.pieces if name not in imported]
-    for text in config.players:
-        player = PlayerSpec.parse(text)
-        if player.is_run:
-            files += files_of_a_run(RunFolder.open(player.name))
-        elif player.file is not None:
-            files.append(_network_file(player.file))
+    files += [file for text in config.players for file in player_files(PlayerSpec.parse(text))]
     return notes | {str(file): file_digest(file) for file in files if os.path.isfile(file)}
-
-
-def files_of_a_run(run: RunFolder) -> list[Path]:
-    """Return the files that decide how a run plays, those of what it corrects included."""
-    config = run.read_config()
-    files = [run.config_file, *filter(None, model_files(run, config))]
-    for option, text in config.files.items():
-        files += files_of_a_run(RunFolder.open(text)) if option == BASE else [_network_file(text)]
-    return files
-
-
-def _network_file(text: str) -> Path:
-    """Return the file that a text names, or that of the network in the folder that it names."""
-    path = Path(text)
-    return path / FILE_NAME if os.path.isdir(path) else path
 
 
 def _write_index(place: Path, config: CorpusConfig, shards: Sequence[Shard]) -> None:

@@ -65,6 +65,11 @@ _ACTIVATIONS: Mapping[str, Callable[[Float32Array], Float32Array]] = {
 }
 
 
+def network_file(path: str | os.PathLike[str]) -> Path:
+    """Return the file of a network, also by the folder that it is in."""
+    return Path(path, FILE_NAME) if os.path.isdir(path) else Path(path)
+
+
 @settings
 class HandFacts:
     """What a hand's network was trained for, and how."""
@@ -145,7 +150,7 @@ class HandModel:
         Raises:
             ConfigError: If there is no such file, or it holds something else.
         """
-        path = Path(path, FILE_NAME) if os.path.isdir(path) else Path(path)
+        path = network_file(path)
         try:
             read_shapes(path)  # what is no file, or has a header without end, is refused
             with safetensors.safe_open(path, framework="np") as file:

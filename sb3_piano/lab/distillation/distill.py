@@ -45,11 +45,11 @@ from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import is_path
 from sb3_piano.music.library import Library
-from sb3_piano.pipelines.corpus import files_of_a_run
+from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.playing.player import player_files
 from sb3_piano.training.runs.provenance import provenance
 
 _CONFIG, _FILES, _TABLE = "config.yml", "files.yml", "rounds.csv"
@@ -196,7 +196,7 @@ def _check_files(place: Path, config: DistillConfig) -> None:
     files = [Path(name) for name in names if is_path(name)]
     files += [library.path(name) for name in names if name in library]
     if config.teacher.name != PLANNED:
-        files += files_of_a_run(RunFolder.open(config.teacher.name))
+        files += player_files(PlayerSpec(name=config.teacher.name))
     found = {str(file): file_digest(file) for file in files}
     note = place / _FILES
     if note.is_file():

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
-import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import sb3_piano
 from sb3_piano.arrays import Float32Array
 from sb3_piano.demonstrations.dataset import Transitions
-from sb3_piano.demonstrations.shards import Notes, Play, ShardJob, file_digest
+from sb3_piano.demonstrations.shards import Notes, Play, ShardJob, file_digest, shard_job
 from sb3_piano.exceptions import ScoreError, SimulationDivergedError
 from sb3_piano.lab.distillation.config import DistillConfig
 from sb3_piano.lab.distillation.rollout import hands_env, play_alone, play_excerpt
@@ -36,78 +33,46 @@ JUDGED_BY = ("f1", "onset_f1")
 """Metrics of an evaluation."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RoundJob(ShardJob):
-    """Excerpts of a round that are to become a data set."""
-
-    config: DistillConfig
-    """The settings."""
-    round_number: int
-    """The round, from 0."""
-    number: int
-    """The shard's number in the round, from 0."""
-    learner: Path | None
-    """File of the weights of the round before; none in the first."""
-    root: Path
-
-    @property
-    def name(self) -> str:
-        """Name of the data set."""
-        return f"round{self.round_number}-shard{self.number:03d}-v0"
-
-    @property
-    def numbers(self) -> range:
-        """Numbers of the excerpts, counted over all rounds."""
-        size = self.config.shard
-        return self.config.of_round(self.round_number)[self.number * size :][:size]
-
-    @property
-    def digest(self) -> str:
-        """Checksum of the settings up to this round, the data set's name, the learner's weights."""
-        learner = "" if self.learner is None else file_digest(self.learner)
-        settings = self.config.to_mapping()
-        played = [settings[name] for name in _PLAYED_BY]
-        rounds = settings["rounds"][: self.round_number + 1]
-        content = [played, rounds, self.name, learner]
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-    @property
-    def metadata(self) -> dict[str, Any]:
-        """Teacher and settings."""
-        return {
-            "algorithm_name": self.config.teacher.name,
-            "description": f"Excerpts {self.numbers}, with the teacher's actions as labels.",
-            "sb3_piano": {"version": sb3_piano.__version__, "distill": self.config.to_mapping()},
-        }
-
-    @contextlib.contextmanager
-    def playing(self) -> Iterator[tuple[HandActions, Play]]:
-        """Give the environment, and what plays an excerpt in it.
-
-        Raises:
-            ConfigError: If the teacher does not fit, or the learner's file is damaged.
-        """
-        config, env = self.config, _env(self.config.playing.physics, "keep")
-        with torch_computing(), new_teacher(config.teacher, config.playing, env) as teacher:
-            learner = None if self.learner is None else HandModel.load(self.learner)
-
-            def play(number: int) -> tuple[EpisodeBuffer, Notes]:
-                return play_excerpt(config, self.round_number, number, env, teacher, learner)
-
-            yield env, play
-
-
 def shard_jobs(
     config: DistillConfig, round_number: int, learner: Path | None, root: Path
-) -> list[RoundJob]:
-    """Return the jobs of a round."""
-    count = -(-config.rounds[round_number].excerpts // config.shard)
-    return [
-        RoundJob(
-            config=config, round_number=round_number, number=number, learner=learner, root=root
-        )
-        for number in range(count)
-    ]
+) -> list[ShardJob]:
+    """Return the jobs of a round, from 0; ``learner`` has the weights of the round before."""
+    settings, size = config.to_mapping(), config.shard
+    played = [settings[name] for name in _PLAYED_BY]
+    rounds = settings["rounds"][: round_number + 1]
+    weights = "" if learner is None else file_digest(learner)
+    jobs = []
+    for number in range(-(-config.rounds[round_number].excerpts // size)):
+        name = f"round{round_number}-shard{number:03d}-v0"
+        excerpts = config.of_round(round_number)[number * size :][:size]
+        metadata = {
+            "algorithm_name": config.teacher.name,
+            "description": f"Excerpts {excerpts}, with the teacher's actions as labels.",
+            "sb3_piano": {"version": sb3_piano.__version__, "distill": settings},
+        }
+        content = [played, rounds, name, weights]
+        playing = functools.partial(_playing, config, round_number, learner)
+        jobs.append(shard_job(name, root, content, excerpts, metadata, playing))
+    return jobs
+
+
+@contextlib.contextmanager
+def _playing(
+    config: DistillConfig, round_number: int, learner: Path | None
+) -> Iterator[tuple[HandActions, Play]]:
+    """Give the environment, and what plays an excerpt in it.
+
+    Raises:
+        ConfigError: If the teacher does not fit, or the learner's file is damaged.
+    """
+    env = _env(config.playing.physics, "keep")
+    with torch_computing(), new_teacher(config.teacher, config.playing, env) as teacher:
+        network = None if learner is None else HandModel.load(learner)
+
+        def play(number: int) -> tuple[EpisodeBuffer, Notes]:
+            return play_excerpt(config, round_number, number, env, teacher, network)
+
+        yield env, play
 
 
 def read_rows(dataset: MinariDataset) -> tuple[Float32Array, Float32Array]:

@@ -23,7 +23,7 @@ from sb3_piano.jobs.folders import unwritable
 from sb3_piano.layers import layers
 from sb3_piano.music import Score, is_path, load_score
 from sb3_piano.players import HandModel, Player, PlayerSpec, Transition, TreeSearch, rollout
-from sb3_piano.players.hand_model import SIGHT_READER
+from sb3_piano.players.hand_model import SIGHT_READER, network_file
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
@@ -445,6 +445,26 @@ def player_to_record(
             yield spec.make(made), made
         else:
             yield _ByHand(spec.make(hands.env), hands), made
+
+
+def player_files(spec: PlayerSpec) -> list[Path]:
+    """Return the files that decide how a player plays, those of what a run corrects included.
+
+    Raises:
+        RunError: If there is no such run, or it has no model.
+    """
+    run = RunFolder.open(spec.name) if spec.is_run else None
+    former = None if run is None else run.read_player()
+    if run is None or former is not None:
+        file = spec.file if former is None else former[0].file
+        own = [] if run is None else [run.config_file]
+        return [*own, *([] if file is None else [network_file(file)])]
+    config = run.read_config()
+    files = [run.config_file, *filter(None, model_files(run, config))]
+    for option, text in config.files.items():
+        named = PlayerSpec(name=text) if option == BASE else None
+        files += [network_file(text)] if named is None else player_files(named)
+    return files
 
 
 @dataclass(frozen=True, eq=False)

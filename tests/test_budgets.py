@@ -22,7 +22,7 @@ LINES = {
     "base": 1_785,
     "buffers": 660,
     "callbacks": 2_810,
-    "cli": 3_105,
+    "cli": 3_140,
     "demonstrations": 1_550,
     "envs": 3_280,
     "hyperparams": 30,
@@ -54,7 +54,7 @@ LONG_WORK_LINES = 5_150
 TOTALS = {
     "core": {"lines": 47_590, "modules": 315, "names": 401},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_900},
+    "tests": {"lines": 42_920},
 }
 
 

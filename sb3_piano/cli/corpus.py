@@ -18,7 +18,8 @@ from sb3_piano.cli.common import (
     tell_interrupted,
     whole_number,
 )
-from sb3_piano.cli.play import PLAYER_HELP
+from sb3_piano.cli.play import PLAYERS_HELP
+from sb3_piano.cli.settings import add_settings, given
 
 if TYPE_CHECKING:
     from sb3_piano.demonstrations.corpus import RecordedCorpus
@@ -27,26 +28,21 @@ _PIECES = (
     "names of pieces, files, patterns such as 'scale-*' or '~/midi/**/*.mid', collections such as "
     "repertoire, or lists in .txt files"
 )
-_PLAYERS = f"each plays every excerpt; default: planned; {PLAYER_HELP}"
+_PLAYERS = f"each plays every excerpt; default: planned; {PLAYERS_HELP}"
+_FIELDS = ("excerpts", "seconds", "episodes", "noise", "start", "by_hand", "shard", "seed")
 _SET = "an option of the environment, such as observation=roll; of no run"
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
+    from sb3_piano.pipelines import CorpusConfig
+
     add = command(parser, _corpus, epilog=TRUST)
     add("pieces", "PIECE", _PIECES, nargs="+")
     add("--out", "FOLDER", "a new folder; the same command goes on in it", required=True)
-    add("--players", "PLAYER", _PLAYERS, default=["planned"], nargs="+")
-    add("--excerpts", "N", "so many, from the pieces in turns; default: one of each", whole_number)
-    add("--seconds", "S", "length of an excerpt; default: whole pieces", float)
-    add("--episodes", "N", "of each excerpt by each player", whole_number, 4)
-    noise = "standard deviations of noise on the actions, in turns; default: 0 0.03 0.06 0.1"
-    add("--noise", "RAD", noise, float, nargs="+")
-    add("--start", "RAD", "standard deviation of the joints at the start", float, 0.0)
-    add("--by-hand", text="observe and play by hand, as 'distill' learns")
+    add("--players", "PLAYER", _PLAYERS, nargs="+")
+    add_settings(add, CorpusConfig, *_FIELDS)
     add("--set", "NAME=VALUE", _SET, action="append")
-    add("--shard", "N", "performances of a data set, which one process plays", whole_number, 25)
-    add("--seed", "N", "", int, 0)
     add("--status", text="say how far each shard is, also while it is recorded, and end")
     add("--workers", "N", "processes; default: one for each core", whole_number)
     add("--ray", "ADDRESS", "record on a cluster of Ray, whose nodes see the same folders")
@@ -56,20 +52,10 @@ def add_arguments(parser: Any) -> None:
 def _corpus(arguments: argparse.Namespace) -> int:
     from sb3_piano.jobs import open_executor
     from sb3_piano.pipelines import CorpusConfig, record_corpus
-    from sb3_piano.pipelines.corpus import DEFAULT_NOISE, corpus_status
+    from sb3_piano.pipelines.corpus import corpus_status
 
     config = CorpusConfig(
-        pieces=arguments.pieces,
-        players=tuple(arguments.players),
-        excerpts=arguments.excerpts,
-        seconds=arguments.seconds,
-        episodes=arguments.episodes,
-        start=arguments.start,
-        by_hand=arguments.by_hand,
-        env_kwargs=env_options(arguments.set or ()),
-        shard=arguments.shard,
-        seed=arguments.seed,
-        noise=tuple(arguments.noise or DEFAULT_NOISE),
+        **given(arguments, CorpusConfig), env_kwargs=env_options(arguments.set or ())
     )
     if arguments.status:
         table = new_table("shard", "state", left=2)

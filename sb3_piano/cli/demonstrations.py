@@ -23,7 +23,7 @@ from sb3_piano.cli.common import (
     whole_number,
 )
 from sb3_piano.cli.evaluate import evaluate_run
-from sb3_piano.cli.play import PLAYER_HELP, player_spec, stage_of
+from sb3_piano.cli.play import PLAYERS_HELP, player_spec, stage_of
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -40,6 +40,7 @@ _WHAT = (
     "a run's folder, whose model plays; or what a planned pianist plays: an environment, a file "
     "such as MIDI, or a piece"
 )
+_PLAYER = f"of no run; default: planned; {PLAYERS_HELP}"
 _NOISE_HELP = (
     "standard deviations of noise on the actions, in turns; default: 0 0.03 0.06 0.1 for a planned "
     "pianist, 0 for a run"
@@ -61,7 +62,9 @@ def add_record_arguments(parser: Any) -> None:
     """Add the arguments of ``record``."""
     add = command(parser, _record, epilog=TRUST)
     add("what", "RUN|ENV_ID|PIECE", _WHAT)
-    add("--player --policy", "PLAYER", f"of no run; default: planned; {PLAYER_HELP}", dest="player")
+    add(
+        "--player --policy", "PLAYER", f"of no run; default: planned; {PLAYERS_HELP}", dest="player"
+    )
     add("--weights", "FILE", argparse.SUPPRESS)  # of former versions
     add("--out", "ID", "the data set's name; default: robopianist/PIECE/POLICY-v0")
     add("--overwrite", text="replace a data set of this name")

@@ -41,12 +41,12 @@ _COMMANDS = {
         "train stages one after the other, each from what the one before has learnt",
     ),
     "sweep": ("sweep:add_arguments", "train a grid of pieces, algorithms, settings and seeds"),
-    "plan": ("plan:add_arguments", "make a run that plays without any training"),
+    "plan": ("plan:add_arguments", "plan a piece, and refine the plan in simulation"),
     "tune": ("tune:add_arguments", "search hyperparameters with Optuna"),
-    "evaluate": ("evaluate:add_arguments", "let trained models play"),
+    "evaluate": ("evaluate:add_arguments", "let trained models and other players play"),
     "compare": ("compare:add_arguments", "compare two evaluations piece by piece"),
     "results": ("sb3_piano.lab.results.command:add_arguments", "evaluations that others can check"),
-    "play": ("play:add_arguments", "watch and hear a trained model, or a piece"),
+    "play": ("play:add_arguments", "watch and hear who plays a piece"),
     "report": (
         "play:add_report_arguments",
         "write an HTML page: piano roll, fingers, reward, training",
@@ -78,6 +78,8 @@ _COMMANDS = {
 Its module is beside this one or has an import path. It is imported when its command is given, so
 that ``--help`` needs none of them.
 """
+
+_COMPLETION = "print the completion of a shell, such as for ~/.local/share/bash-completion"
 
 _LONGEST = 200
 """So many characters of what a library says of a lack of memory."""
@@ -215,6 +217,16 @@ def _warnings_told() -> Iterator[None]:
         yield
 
 
+class _Completion(argparse.Action):
+    """Print what lets a shell complete commands, options and files."""
+
+    def __call__(self, parser: Any, namespace: Any, value: Any, option: Any = None) -> None:
+        import shtab
+
+        print(shtab.complete(_parser(), value))
+        parser.exit()
+
+
 def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
     """Return the parser, with the arguments of the command that is given; by default of all."""
     parser = argparse.ArgumentParser(
@@ -222,6 +234,9 @@ def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
         description="Train robot hands to play the piano, and hear what they play.",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {sb3_piano.__version__}")
+    parser.add_argument(
+        "--completion", choices=("bash", "zsh", "tcsh"), action=_Completion, help=_COMPLETION
+    )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     first = [argument for argument in given or () if not argument.startswith("-")][:1]
     for name, (place, about) in _COMMANDS.items():

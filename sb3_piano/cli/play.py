@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 _SCORE = "score"
 """Stands for no player: the piece is heard as it is written, while the hands rest."""
-PLAYER_HELP = (
-    "sight-reader (the default), planned, sampling:samples=32 or another with settings; the folder "
-    "of a run; a file of weights; tree:64x8: before one of these looks ahead"
+PLAYERS_HELP = (
+    "planned, sight-reader, sampling:samples=32 or another with settings; the folder of a run; a "
+    "file of weights; tree:64x8: before one of these looks ahead"
 )
 SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
 VIEWS = ("stage", "close", "top", "roll")
@@ -51,7 +51,11 @@ def add_arguments(parser: Any) -> None:
     """Add the arguments of ``play``."""
     add = command(parser, _play, epilog=TRUST)
     add("what", "PIECE|RUN", "a piece or a file; or a run's folder, or hf:OWNER/NAME of the Hub")
-    add("--player", "PLAYER", f"who plays a piece: {PLAYER_HELP}; or score: nobody")
+    add(
+        "--player",
+        "PLAYER",
+        f"default: sight-reader; {PLAYERS_HELP}; score: nobody plays",
+    )
     add_former_arguments(add)
     add("--out", "DIR", "default: RUN/play, or play/<title>-<player> for a piece")
     add("--score", "PIECE", "let the run's model play another piece")

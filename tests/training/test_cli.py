@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import dataclasses
 import os
 import re
 import subprocess
@@ -14,6 +16,8 @@ from fresh_python import run_python
 
 import sb3_piano
 from sb3_piano.cli import main
+from sb3_piano.cli.common import adder
+from sb3_piano.cli.settings import add_settings, given
 from sb3_piano.envs import ENV_IDS
 from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS
 from sb3_piano.music import Note, Score, load_score, write_midi
@@ -182,3 +186,40 @@ def test_output_that_nobody_reads_is_no_crash():
     done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True)
     os.close(writing)
     assert (done.returncode, done.stderr) == (2, "")
+
+
+def test_a_shell_completes_commands_and_options(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["--completion", "bash"])
+    script = capsys.readouterr().out
+    asked = "COMP_WORDS=(sb3-piano {}); COMP_CWORD={}; _shtab_sb3_piano; echo ${{COMPREPLY[@]}}"
+    for words, number, found in (("pl", 1, "plan play"), ("play --vi", 2, "--view")):
+        lines = [script, asked.format(words, number)]
+        shell = ["bash", "-c", "\n".join(lines)]
+        done = subprocess.run(shell, capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == found
+
+
+def test_options_say_what_the_settings_say_and_give_what_they_take():
+    @dataclasses.dataclass
+    class Taken:
+        """Settings of a test."""
+
+        count: int | None = None
+        """How many :class:`~a.B` are taken."""
+        shares: tuple[float, ...] = (0.5, 1.0)
+        """Shares of ``each``, 100 %."""
+        aloud: bool = False
+        """Whether it is told."""
+        name: str = "none"
+        """Name of what is taken; by default nothing."""
+
+    parser = argparse.ArgumentParser()
+    add_settings(adder(parser), Taken, "count", "shares", "aloud", "name", name="its name")
+    text = " ".join(parser.format_help().split())
+    assert "--count N how many a.B are taken" in text
+    assert "--shares X [X ...] shares of each, 100 %; default: 0.5 1.0" in text
+    assert "--name NAME its name; default: none" in text
+    assert given(parser.parse_args([]), Taken) == {}
+    chosen = parser.parse_args(["--count", "3", "--shares", "1", "0.25", "--aloud", "--name", "x"])
+    assert given(chosen, Taken) == {"count": 3, "shares": [1, 0.25], "aloud": True, "name": "x"}

@@ -27,16 +27,18 @@ class ActionMap:
 
     def __init__(self, scene: PianoScene):
         """Take the control ranges of a scene's actuators."""
-        self._middle = (scene.ctrl_high + scene.ctrl_low) / 2
-        self._half_range = (scene.ctrl_high - scene.ctrl_low) / 2
-        self._shape = (len(self._middle) + 1,)
+        self.middle = (scene.ctrl_high + scene.ctrl_low) / 2
+        """(nu,) targets of an action of 0, rad or m."""
+        self.half_range = (scene.ctrl_high - scene.ctrl_low) / 2
+        """(nu,) what an action of 1 adds, rad or m."""
+        self._shape = (len(self.middle) + 1,)
         self._low, self._high = np.full(self._shape, -1.0), np.ones(self._shape)
         self.space = spaces.Box(-1.0, 1.0, self._shape, dtype=np.float32)
 
     @property
     def rest(self) -> Float32Array:
         """The action that holds all joints at 0, or as near as they can be, and the pedal up."""
-        hands = np.clip(-self._middle / self._half_range, -1.0, 1.0)
+        hands = np.clip(-self.middle / self.half_range, -1.0, 1.0)
         return np.append(hands, -1.0).astype(np.float32)
 
     def controls(self, action: npt.ArrayLike) -> tuple[FloatArray, float]:
@@ -49,16 +51,16 @@ class ActionMap:
             InvalidActionError: If the action has the wrong shape or is not finite.
         """
         clipped = np.minimum(np.maximum(self._checked(action), self._low), self._high)
-        return self._middle + self._half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
+        return self.middle + self.half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
 
     def action(self, controls: FloatArray, *, pedal_down: bool) -> Float32Array:
         """Return the action that commands the actuators' targets, (nu,) rad or m, and the pedal."""
-        hands = (controls - self._middle) / self._half_range
+        hands = (controls - self.middle) / self.half_range
         return np.append(hands.astype(np.float32), np.float32(1.0 if pedal_down else -1.0))
 
     def change(self, controls: FloatArray) -> FloatArray:
         """Return by how much an action changes where the actuators' targets do, (nu,)."""
-        return controls / self._half_range
+        return controls / self.half_range
 
     def _checked(self, action: npt.ArrayLike) -> FloatArray:
         array = action_numbers(action)

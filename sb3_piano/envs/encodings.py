@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sb3_piano.arrays import BoolArray, Float32Array, IntArray
+from sb3_piano.arrays import Arrays, BoolArray, Float32Array, IntArray
 from sb3_piano.envs.observation import (
     ALL_KEYS,
     KeyWindow,
@@ -45,6 +45,10 @@ class Encoding(ABC):
     """Layout of the observation."""
 
     @abstractmethod
+    def tables(self) -> Arrays:
+        """Return what is known of the piece before it is played, a row for each control step."""
+
+    @abstractmethod
     def prepare(self, roll: PianoRoll) -> None:
         """Take a piece, which is then played.
 
@@ -69,9 +73,9 @@ class RollEncoding(Encoding):
     def __init__(self, scene: PianoScene, n_steps_lookahead: int, window: KeyWindow = ALL_KEYS):
         """Lay out the observation of a window of keys, now and so many control steps later."""
         self._window = window
-        self._rows_shown = n_steps_lookahead + 1
+        self.rows_shown = n_steps_lookahead + 1
         self.layout, _ = window.restrict(_roll_layout(scene, n_steps_lookahead))
-        self._keys, self._width = window.slice, len(window) + 1
+        self.keys, self._width = window.slice, len(window) + 1
         self._pedal_at = self.layout["sustain"].start
         # What comes first leaves room for the pedal, a number that is not in qpos.
         self._pedal_and_joints = np.concatenate([[0], *scene.joint_qpos])
@@ -82,19 +86,23 @@ class RollEncoding(Encoding):
         self._window.check_keys(used_keys(roll))
         steps = len(roll)
         # Silence is appended, so that the lookahead of the last step can be cut like any other.
-        rows = np.zeros((steps + self._rows_shown - 1, self._width), dtype=np.float32)
-        rows[:steps, :-1] = roll.active[:, self._keys]
+        rows = np.zeros((steps + self.rows_shown - 1, self._width), dtype=np.float32)
+        rows[:steps, :-1] = roll.active[:, self.keys]
         rows[:steps, -1] = roll.sustain
         self._goal = rows.reshape(-1)
         self._fingers = roll.labelled_fingers()[:, self._labels].astype(np.float32)
+
+    def tables(self) -> Arrays:
+        """Return goals, with those of the lookahead after the last step; and fingers."""
+        return {"goal": self._goal.reshape(-1, self._width), "fingers": self._fingers}
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
         width = self._width
         blocks = (
-            self._goal[step * width : (step + self._rows_shown) * width],
+            self._goal[step * width : (step + self.rows_shown) * width],
             self._fingers[step],
-            simulation.key_state[self._keys],
+            simulation.key_state[self.keys],
             simulation.qpos[self._pedal_and_joints],
         )
         observation = np.concatenate(blocks, dtype=np.float32)
@@ -137,6 +145,17 @@ class FingerEncoding(Encoding):
         self._known[:, self._targets] = targets.reshape(len(roll), -1)
         change = _steps_to_change(roll.sustain, self._horizon) * self._control_timestep
         self._known[:, self._pedal_goal] = np.stack([roll.sustain, change], axis=1)
+
+    def tables(self) -> Arrays:
+        """Return each finger's target, and the numbers that depend on nothing else."""
+        return {
+            "key": self._key,
+            "key_geom": self._key_geom,
+            "press_offset": self._press_offset,
+            "has_target": self._has_target,
+            "scale": self._scale,
+            "known": self._known,
+        }
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""

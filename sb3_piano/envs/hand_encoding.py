@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sb3_piano.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from sb3_piano.arrays import Arrays, BoolArray, Float32Array, FloatArray, IntArray
 from sb3_piano.envs.encodings import Encoding, check_labels
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import PlanWarning
@@ -64,30 +64,30 @@ class HandEncoding(Encoding):
 
     def __init__(self, scene: PianoScene, control_timestep: float):
         """Lay out the observation."""
-        self._hands = both_hands(scene)
+        self.hands = both_hands(scene)
         self._sides = [SIDES.index(name) for name in scene.sides]
-        self._places = KeyPlaces.of(scene)
+        self.places = KeyPlaces.of(scene)
         self._control_timestep = control_timestep
         self.layout = _layout(scene)
         count = len(self._sides)
         self._size = self.layout.size // count
         blocks = list(self.layout.values())[: len(self.layout) // count]
-        self._at = {block.name.partition("_")[2]: block.slice for block in blocks}
-        self._qpos = np.stack(scene.joint_qpos)
-        self._dofs = np.stack([scene.model.jnt_dofadr[joints] for joints in scene.joints])
-        self._tip_geoms = scene.fingertip_geom
-        self._tip_along = np.concatenate([self._hands[i].tip_along for i in self._sides])[:, None]
+        self.at = {block.name.partition("_")[2]: block.slice for block in blocks}
+        self.qpos = np.stack(scene.joint_qpos)
+        self.dofs = np.stack([scene.model.jnt_dofadr[joints] for joints in scene.joints])
+        self.tip_geoms = scene.fingertip_geom
+        self.tip_along = np.concatenate([self.hands[i].tip_along for i in self._sides])[:, None]
         # The left hand in a mirror: y changes its sign, and so does the slider along it.
-        self._sign = np.array([1.0, -1.0])[self._sides, None]  # (h, 1)
-        self._mirror = np.array([[[1.0, 1.0, 1.0]], [[1.0, -1.0, 1.0]]])[self._sides]
-        shown = self._hands[self._sides[0]]  # a hand that is not there may have other joints
+        self.sign = np.array([1.0, -1.0])[self._sides, None]  # (h, 1)
+        self.mirror = np.array([[[1.0, 1.0, 1.0]], [[1.0, -1.0, 1.0]]])[self._sides]
+        shown = self.hands[self._sides[0]]  # a hand that is not there may have other joints
         slider = int(np.argmax(shown.joint_of_actuator[:, shown.index("forearm_tx")]))
-        self._joint_sign = np.ones(self._qpos.shape)
-        self._joint_sign[:, slider] = self._sign[:, 0]
-        self._slider = slider
-        self._slope = float(shown.arm_slope[shown.index("forearm_tx")])
-        self._nearest, self._lowest = _keys_by_place(self._places.y)
-        self._black = np.pad(KEY_IS_BLACK.astype(np.float32), _MARGIN)
+        self.joint_sign = np.ones(self.qpos.shape)
+        self.joint_sign[:, slider] = self.sign[:, 0]
+        self.slider = slider
+        self.slope = float(shown.arm_slope[shown.index("forearm_tx")])
+        self.nearest, self.lowest = _keys_by_place(self.places.y)
+        self.black = np.pad(KEY_IS_BLACK.astype(np.float32), _MARGIN)
         self._state = np.zeros(NUM_KEYS + 2 * _MARGIN)
 
     def prepare(self, roll: PianoRoll) -> None:
@@ -115,7 +115,7 @@ class HandEncoding(Encoding):
 
     def read(self, roll: PianoRoll) -> Reading:
         """Take a piece of which no hand plays the notes without finger; return what was read."""
-        read = read_piece(roll, self._hands, self._places)
+        read = read_piece(roll, self.hands, self.places)
         bounds = bounds_of(read.line, ARMS_APART)
         steps = len(roll)
         hands = [read.hands[side] for side in self._sides]
@@ -123,10 +123,10 @@ class HandEncoding(Encoding):
         known = np.zeros((steps, len(hands), self._size), dtype=np.float32)
         target, scale = [], []
         for i, (side, hand, press) in enumerate(zip(self._sides, hands, presses, strict=True)):
-            self._write_known(known[:, i], hand, press, bounds[side], self._sign.item(i))
+            self._write_known(known[:, i], hand, press, bounds[side], self.sign.item(i))
             shown = _states(steps, FRAMES_AHEAD)
             points = np.concatenate([hand.frames.target[shown], press.point], axis=1)
-            target.append(points * self._mirror[i] * _DM_PER_M)
+            target.append(points * self.mirror[i] * _DM_PER_M)
             asked = [hand.frames.weight[shown, :, 1] > 0, press.there]
             scale.append(np.concatenate(asked, axis=1)[..., None])
         self._known = known
@@ -137,18 +137,29 @@ class HandEncoding(Encoding):
         self._due = np.pad(roll.active, ((0, 0), (_MARGIN, _MARGIN))).astype(np.float32)
         return read
 
+    def tables(self) -> Arrays:
+        """Return what was read, and which keys are due, with one more at both ends."""
+        return {
+            "known": self._known,
+            "target": self._target,
+            "scale": self._scale,
+            "press_key": self._press_key,
+            "press_there": self._press_there,
+            "due": self._due,
+        }
+
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
         del pedal  # which nothing but the score moves
-        data, at, key_state = simulation.data, self._at, simulation.key_state
+        data, at, key_state = simulation.data, self.at, simulation.key_state
         rows: Float32Array = self._known[step].copy()
-        joints = simulation.qpos[self._qpos] * self._joint_sign
-        velocities = data.qvel[self._dofs] * self._joint_sign
+        joints = simulation.qpos[self.qpos] * self.joint_sign
+        velocities = data.qvel[self.dofs] * self.joint_sign
         # (h, 1): the middle of a hand whose slider is at 0 is as far out on both sides.
-        arm = (self._hands[0].middle + self._slope * joints[:, self._slider])[:, None]
-        axes = data.geom_xmat.take(self._tip_geoms, axis=0)[:, 2::3]
-        tips = simulation.geom_xpos.take(self._tip_geoms, axis=0) + axes * self._tip_along
-        tips = tips.reshape(-1, FINGERS_PER_HAND, 3) * self._mirror
+        arm = (self.hands[0].middle + self.slope * joints[:, self.slider])[:, None]
+        axes = data.geom_xmat.take(self.tip_geoms, axis=0)[:, 2::3]
+        tips = simulation.geom_xpos.take(self.tip_geoms, axis=0) + axes * self.tip_along
+        tips = tips.reshape(-1, FINGERS_PER_HAND, 3) * self.mirror
         here = tips * _DM_PER_M
         rows[:, at["positions"]] = joints
         rows[:, at["velocities"]] = np.minimum(np.maximum(velocities, -_FASTEST), _FASTEST)
@@ -165,7 +176,7 @@ class HandEncoding(Encoding):
         rows[:, at["fingertips"]] = here.reshape(hands, -1)
         rows[:, at["places"]] -= from_arm
         rows[:, at["line"]] -= from_arm
-        other = from_arm[::-1] if hands > 1 else self._hands[0].middle * _DM_PER_M
+        other = from_arm[::-1] if hands > 1 else self.hands[0].middle * _DM_PER_M
         rows[:, at["other_arm"]] = from_arm + other
         return rows.reshape(-1)
 
@@ -173,16 +184,16 @@ class HandEncoding(Encoding):
         self, rows: Float32Array, step: int, places: FloatArray, key_state: FloatArray
     ) -> None:
         """Write what the keys around each finger do, and whether they should."""
-        across = places * self._sign  # (h, 5) in the world
-        cells = ((across - self._lowest) * (1 / _GRID)).astype(np.intp)
-        key = self._nearest.take(cells, mode="clip")
-        around = key[:, :, None] + (_AROUND * self._sign.astype(np.intp))[:, None] + _MARGIN
+        across = places * self.sign  # (h, 5) in the world
+        cells = ((across - self.lowest) * (1 / _GRID)).astype(np.intp)
+        key = self.nearest.take(cells, mode="clip")
+        around = key[:, :, None] + (_AROUND * self.sign.astype(np.intp))[:, None] + _MARGIN
         self._state[_MARGIN:-_MARGIN] = key_state
         shown = rows.reshape(len(rows), FINGERS_PER_HAND, -1)
         shown[..., 0:3] = self._state[around]
         shown[..., 3:6] = self._due[step][around]
-        shown[..., 6:9] = self._black[around]
-        shown[..., 9] = _CM_PER_M * (self._places.y[key] - across) * self._sign
+        shown[..., 6:9] = self.black[around]
+        shown[..., 9] = _CM_PER_M * (self.places.y[key] - across) * self.sign
 
     def _write_known(
         self,
@@ -193,7 +204,7 @@ class HandEncoding(Encoding):
         sign: float,
     ) -> None:
         """Write what does not depend on the simulation."""
-        at, steps = self._at, len(known)
+        at, steps = self.at, len(known)
         frames = np.zeros((steps, len(FRAMES_AHEAD), FINGERS_PER_HAND, 4))
         weight = hand.frames.weight[_states(steps, FRAMES_AHEAD), :, 1]
         frames[..., 3] = weight / _FULL_WEIGHT

@@ -200,6 +200,16 @@ class PianoEnv(gym.Env[Any, Any]):
         return self._simulation
 
     @property
+    def goal(self) -> Goal:
+        """The score of this episode as the goal of each control step."""
+        return self._goal
+
+    @property
+    def encoding(self) -> Encoding:
+        """What writes the observations of this episode."""
+        return self._encoding
+
+    @property
     def observation_layout(self) -> ObservationLayout:
         """Layout of the observation: place and meaning of its numbers."""
         return self._encoding.layout

@@ -106,6 +106,7 @@ def scene_parts(
     weightless = gravity_compensation and profile.balanced_keys
     if weightless:
         world.option.gravity = [0, 0, 0]
+        world.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     _furnish(world)
     piano = keyboard.build_keyboard(
         balanced=profile.balanced_keys,
@@ -121,6 +122,7 @@ def scene_parts(
             gravity_compensation=gravity_compensation and not weightless,
             coupled_friction_only=profile.coupled_friction_only,
             playing_contacts_only=profile.playing_contacts_only,
+            capsule_forearm=profile.capsule_forearms,
         )
         for side in sides
     ]

@@ -22,6 +22,8 @@ _FINGERS = ("th", "ff", "mf", "rf", "lf")
 # Bits of contype and conaffinity. By default every shape of a hand meets every other, of either
 # hand, and the keyboard, whose conaffinity is 1.
 _KEYBOARD, _OTHER_HAND = 1, 2
+# As wide as the hull and as long: forearms are always parallel, so that they meet where hulls do.
+_CAPSULE = {"type": "capsule", "size": [0.0748, 0.0167, 0.0], "pos": [0.0, 0.0, 0.0914]}
 _ALL_CONTACTS = {"contype": _KEYBOARD, "conaffinity": _KEYBOARD}
 _PLAYING_LINKS = ("distal", "middle")
 
@@ -36,6 +38,7 @@ def build_hand(
     gravity_compensation: bool,
     coupled_friction_only: bool = False,
     playing_contacts_only: bool = False,
+    capsule_forearm: bool = False,
 ) -> mujoco.MjSpec:
     """Return the specification of a hand, to be attached to a scene.
 
@@ -50,6 +53,7 @@ def build_hand(
             :class:`~sb3_piano.simulation.PhysicsProfile`.
         playing_contacts_only: Meet only the other hand, and the keyboard with fingertips and
             middle phalanges.
+        capsule_forearm: Let a capsule stand for the forearm's hull.
     """
     table = load_table("shadow_hands")
     hand = table[side]
@@ -73,7 +77,8 @@ def build_hand(
                 _add_joint(body, {**table["joint_defaults"], **joint}, space, coupled_friction_only)
         masks = _playing_masks(side, body.name) if playing_contacts_only else _ALL_CONTACTS
         for geom in entry["geoms"]:
-            _add_geom(body, {**table["geom_defaults"], **masks, **geom})
+            shape = geom if geom["type"] != "mesh" or not capsule_forearm else _CAPSULE
+            _add_geom(body, {**table["geom_defaults"], **masks, **shape})
         if "fingertip" in entry:
             finger = body.name.split("_")[1]
             body.add_site(name=f"{finger}_site", pos=entry["fingertip"], size=_SITE_SIZE, group=4)

@@ -32,6 +32,9 @@ class PhysicsProfile:
     playing_contacts_only: bool = False
     """Look only for contacts that matter to playing: of fingertips and middle phalanges with the
     keyboard, and between the two hands. The fingers of one hand then pass through each other."""
+    capsule_forearms: bool = False
+    """Let a capsule stand for each forearm's hull, of which MuJoCo Warp finds no contact as shallow
+    as 0.1 mm. Forearms touch nothing but each other."""
 
 
 _REFERENCE = PhysicsProfile(timestep=0.005, integrator=mujoco.mjtIntegrator.mjINT_EULER)
@@ -44,6 +47,10 @@ _FAST = PhysicsProfile(
     playing_contacts_only=True,
 )
 
+_FAITHFUL = dataclasses.replace(
+    _REFERENCE, balanced_keys=True, key_rebound=0.002, coupled_friction_only=True
+)
+
 PHYSICS_PROFILES = {
     # What RoboPianist 1.0.10 compiles to.
     "reference": _REFERENCE,
@@ -52,9 +59,10 @@ PHYSICS_PROFILES = {
     # A fifth slower, for policies whose fingers would lean on each other, or get caught.
     "fast-contacts": dataclasses.replace(_FAST, playing_contacts_only=False),
     # 1.4 to 1.5 times as fast as the reference, and what plays there hardly notices.
-    "faithful": dataclasses.replace(
-        _REFERENCE, balanced_keys=True, key_rebound=0.002, coupled_friction_only=True
-    ),
+    "faithful": _FAITHFUL,
+    # For MuJoCo Warp, see docs/batch.md.
+    "faithful-capsules": dataclasses.replace(_FAITHFUL, capsule_forearms=True),
+    "fast-capsules": dataclasses.replace(_FAST, capsule_forearms=True),
 }
 """The physics profiles by name."""
 

@@ -71,11 +71,11 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         if not self._piano.scene.sides:
             raise ConfigError("HandReward finds no hands in the scene: expected one or two.")
         self._hands = [SIDES.index(side) for side in self._piano.scene.sides]
-        self._own = checked("own", own, Share)
-        self._within = checked("within", within, Share)
-        self._strikes = checked("strikes", strikes, NotNegative)
-        self._guidance = checked("guidance", guidance, NotNegative)
-        self._fingering = checked("fingering", fingering, NotNegative)
+        self.own = checked("own", own, Share)
+        self.within = checked("within", within, Share)
+        self.strikes = checked("strikes", strikes, NotNegative)
+        self.guidance = checked("guidance", guidance, NotNegative)
+        self.fingering = checked("fingering", fingering, NotNegative)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -116,22 +116,22 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         counts, earned = ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), [0.0, 0.0]
         for key in keys:
             hand, asked = self._hand(step, key), bool(due[key])
-            share = self._within * substeps.item(key) / len(sounding)
-            heard = share + (1 - self._within) * bool(sounding[-1, key])
+            share = self.within * substeps.item(key) / len(sounding)
+            heard = share + (1 - self.within) * bool(sounding[-1, key])
             for n, count in enumerate((asked, heard, asked * heard)):
                 counts[hand][n] += count
-            if self._strikes > 0 and substeps[key] > 0:
+            if self.strikes > 0 and substeps[key] > 0:
                 column = [bool(before[key]), *sounding[:, key].tolist()]
                 for substep, (was, now) in enumerate(itertools.pairwise(column), start=1):
                     if now and not was:
                         hit = self._open.hit(key, (step + substep / len(sounding)) * length)
-                        earned[hand] += self._strikes if hit else -self._strikes
+                        earned[hand] += self.strikes if hit else -self.strikes
         both = map(sum, zip(*counts, strict=True))
-        own, all_keys = self._own, (1 - self._own) * _f1(*both) - 1.0
+        own, all_keys = self.own, (1 - self.own) * _f1(*both) - 1.0
         pairs = zip(counts, earned, strict=True)
         rewards = np.array([own * _f1(*one) + all_keys + strikes for one, strikes in pairs])
         rewards = rewards[self._hands]
-        return rewards + self._guidance * self._closeness(step) if self._guidance else rewards
+        return rewards + self.guidance * self._closeness(step) if self.guidance else rewards
 
     def _closeness(self, step: int) -> FloatArray:
         """Return how near each hand is to holding its due keys; 0 for none."""
@@ -146,7 +146,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
             distances[hand].append(math.dist(simulation.press_point(key), tip))
             missing[hand].append(1.0 - simulation.key_state.item(key))
         pairs = zip(distances, missing, strict=True)
-        fingering = self._fingering
+        fingering = self.fingering
         closeness = [0.5 * (fingering * labelled_fingering(d) + held(m)) for d, m in pairs]
         return np.array(closeness)[self._hands]
 

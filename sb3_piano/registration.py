@@ -16,7 +16,7 @@ from sb3_piano.user_data import piece_names, pieces_folder
 _NAMES = json.loads(Path(__file__).with_name("piece_names.json").read_text(encoding="utf-8"))
 
 ENTRY_POINT = "sb3_piano.envs.piano_env:PianoEnv"
-VECTOR_ENTRY_POINT = "sb3_piano.envs.vector_env:PianoVectorEnv"
+VECTOR_ENTRY_POINT = "sb3_piano.batch.vector_env:make_vector_env"
 
 GENERAL_ID = "RoboPianist-v0"
 """The id that plays any score, given as ``score=``."""

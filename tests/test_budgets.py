@@ -20,11 +20,12 @@ TESTS = Path(__file__).parent
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
     "base": 1_785,
+    "batch": 1_800,
     "buffers": 660,
     "callbacks": 2_810,
     "cli": 3_140,
     "demonstrations": 1_550,
-    "envs": 3_280,
+    "envs": 3_320,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 1_030,
@@ -36,7 +37,7 @@ LINES = {
     "players": 1_700,
     "policies": 1_580,
     "reading": 930,
-    "simulation": 1_190,
+    "simulation": 1_200,
     "training": 6_180,
     "tuning": 2_330,
     "vec_env": 490,
@@ -52,9 +53,9 @@ LONG_WORK_LINES = 5_150
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 47_590, "modules": 315, "names": 401},
+    "core": {"lines": 49_440, "modules": 327, "names": 406},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_920},
+    "tests": {"lines": 43_210},
 }
 
 

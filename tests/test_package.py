@@ -51,6 +51,7 @@ ROOMS = [
     "players",
     "buffers",
     "vec_env",
+    "batch",
     "demonstrations",
     "callbacks",
     "hyperparams",
@@ -175,7 +176,8 @@ def test_no_module_of_posix_is_needed_to_import_play_and_train(tmp_path):
         del signal.pthread_sigmask
         import gymnasium, sb3_piano
         for module in pkgutil.walk_packages(sb3_piano.__path__, "sb3_piano."):
-            importlib.import_module(module.name)
+            if module.name != "sb3_piano.batch.warp_worlds":  # of an extra
+                importlib.import_module(module.name)
         env_id = "RoboPianist-debug-CMajorScaleOneHand-v0"
         env = gymnasium.make(env_id)
         env.reset(seed=0)

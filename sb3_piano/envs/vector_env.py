@@ -65,7 +65,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
     ) -> None:
         num_envs = checked("num_envs", num_envs, Count)
         limit = checked("max_episode_steps", max_episode_steps, Count | None)
-        mode = _checked_mode(autoreset_mode)
+        mode = checked_mode(autoreset_mode)
         self._team = ThreadTeam(num_envs, n_threads)
         if isinstance(score, str) or not isinstance(score, Sequence):
             score, options = own_score(score, options)
@@ -235,7 +235,8 @@ def _same(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
     return env
 
 
-def _checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
+def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
+    """Return an autoreset mode; a ConfigError tells that it is none."""
     try:
         return AutoresetMode(mode)
     except ValueError:

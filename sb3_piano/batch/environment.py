@@ -1,0 +1,324 @@
+"""Many pianos at once: tensors in, tensors out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import torch
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
+
+from sb3_piano.batch.episodes import History, Sums
+from sb3_piano.batch.hands import HandControls, HandRewards
+from sb3_piano.batch.observations import observations_of
+from sb3_piano.batch.tables import Pieces
+from sb3_piano.batch.task import Heard, Strikes, Task
+from sb3_piano.batch.worlds import Tensor, Worlds
+from sb3_piano.envs import PianoEnv
+from sb3_piano.envs.score_choice import ScoreSource
+from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, one_line
+from sb3_piano.layers import layers
+from sb3_piano.settings import Count, checked
+from sb3_piano.wrappers import HandActions, HandReward, ScoreWrapper
+
+Backend = Literal["cpu", "warp"]
+"""What simulates: MuJoCo's own threads, or MuJoCo Warp."""
+
+Wrapper = Callable[[Any], gym.Env[Any, Any]]
+
+# RoboPianist's range for the random offset of both hands along the keyboard, m.
+_HAND_OFFSET = 0.05
+
+_KNOWN = (ScoreWrapper, HandActions, HandReward, TimeLimit, OrderEnforcing, PassiveEnvChecker)
+
+
+class BatchStep(NamedTuple):
+    """What a control step gives: N rows each."""
+
+    observation: Tensor
+    """(N, n) float32."""
+    reward: Tensor
+    """(N,)."""
+    terminated: Tensor
+    """(N,) bool."""
+    truncated: Tensor
+    """(N,) bool."""
+
+
+class BatchedPiano:
+    """N :class:`~sb3_piano.envs.PianoEnv` as one batch of tensors.
+
+    On the CPU each world gives what a single environment gives: equal keys, observations and
+    metrics, rewards but for rounding. Worlds whose episode has ended are begun anew by
+    :meth:`reset` with a mask; who plays on in them gets nonsense.
+
+    Of wrappers around the environment those are known that change the score, ``HandActions``,
+    ``HandReward`` and ``TimeLimit``. With one that changes the score, ``draws`` scores are drawn
+    beforehand, and each episode plays one of these. Other scores are dealt out: world i plays
+    number i modulo their count.
+
+    Args:
+        num_envs: How many worlds there are, N.
+        score: What is played: one score, or several, of which each world plays one.
+        backend: "cpu" for MuJoCo's own threads, "warp" for MuJoCo Warp.
+        device: Where Warp simulates: "cuda" if there is one, else "cpu".
+        n_threads: Threads on the CPU; by default one for each usable core.
+        wrappers: What is put around a single environment, from the inside.
+        draws: Scores to draw if a wrapper draws them.
+        metrics: "all" that a final ``info`` has, for which every step is noted down; or "sums" of
+            what adds up: F1 and returns.
+        seed: Seeds all that is drawn.
+        physics_options: Arguments of :class:`~sb3_piano.batch.WarpWorlds`, such as buffers.
+        **options: The fields of :class:`~sb3_piano.envs.PianoEnvConfig`.
+
+    Raises:
+        ConfigError: If an argument is not valid, or a wrapper cannot be batched.
+        ScoreError: If a score cannot be read or played.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        score: ScoreSource | Sequence[ScoreSource] = "TwinkleTwinkleLittleStar",
+        *,
+        backend: Backend = "cpu",
+        device: str | None = None,
+        n_threads: int | None = None,
+        wrappers: Sequence[Wrapper] = (),
+        draws: int = 256,
+        metrics: Literal["all", "sums"] = "all",
+        seed: int | None = None,
+        physics_options: dict[str, Any] | None = None,
+        **options: Any,
+    ) -> None:
+        self.num_envs = checked("num_envs", num_envs, Count)
+        checked("backend", backend, Backend)
+        checked("metrics", metrics, Literal["all", "sums"])
+        scores = [score] if isinstance(score, str) or not isinstance(score, Sequence) else score
+        env: Any = PianoEnv(scores[0], **options)
+        self.piano: PianoEnv = env
+        """The environment that is batched: its scene, spaces, settings; no world of the batch."""
+        for wrapper in wrappers:
+            env = wrapper(env)
+        self.env: gym.Env[Any, Any] = env
+        """The same with its wrappers."""
+        self.np_random = np.random.default_rng(seed)
+        self.worlds: Worlds = _worlds(
+            self.piano, self.num_envs, backend, device, n_threads, physics_options or {}
+        )
+        """The physics."""
+        self.device = self.worlds.device
+        """Where all tensors are."""
+        self._take_wrappers()
+        self.pieces = self._prepared(scores, checked("draws", draws, Count), seed)
+        """What is played."""
+        self._begin_all(metrics)
+        self.action_space, self.observation_space = env.action_space, env.observation_space
+
+    def _take_wrappers(self) -> None:
+        """Look for what the wrappers do; refuse those that change something else."""
+        self._limit, self._drawn = 2**31, False
+        self._actions: HandActions | None = None
+        self._reward: HandReward | None = None
+        for layer in layers(self.env):
+            if isinstance(layer, HandActions):
+                self._actions = layer
+            elif isinstance(layer, HandReward):
+                self._reward = layer
+            elif isinstance(layer, TimeLimit):
+                self._limit = min(self._limit, layer._max_episode_steps)
+            elif isinstance(layer, ScoreWrapper):
+                self._drawn = True
+            if layer is not self.piano and not isinstance(layer, _KNOWN):
+                raise ConfigError(
+                    f"{type(layer).__name__} is no wrapper that can be batched: expected those "
+                    "that change the score, HandActions, HandReward or TimeLimit; or single "
+                    "environments."
+                )
+
+    def _prepared(self, scores: Sequence[ScoreSource], draws: int, seed: int | None) -> Pieces:
+        goals, tables = [], []
+        for number in range(draws if self._drawn else len(scores)):
+            chosen = {} if self._drawn else {"score": scores[number]}
+            self.env.reset(seed=seed if number == 0 else None, options=chosen)
+            if self.piano.goal not in goals:
+                goals.append(self.piano.goal)
+                tables.append(self.piano.encoding.tables())
+        return Pieces(goals, tables, self.worlds.qpos)
+
+    def _begin_all(self, metrics: str) -> None:
+        count, worlds, pieces, env = self.num_envs, self.worlds, self.pieces, self.piano
+        self._begun = False
+        self.piece = torch.arange(count, device=self.device) % len(pieces.goals)
+        """(N,) number of what each world plays."""
+        self.steps = torch.zeros(count, dtype=torch.long, device=self.device)
+        """(N,) control steps of each episode that are over."""
+        self.terms: dict[str, Tensor] = {}
+        """(N,) unweighted reward terms of the last step, by name."""
+        self.heard = heard = Heard(worlds)
+        """What was heard in the last step."""
+        self._task = Task(env.config, pieces, worlds, heard)
+        weights = env.config.reward_weights
+        self._strikes = Strikes(pieces, count) if weights.get("strike") else None
+        made = History if metrics == "all" else Sums
+        self.sums = made(pieces, worlds, heard, tuple(weights))
+        """What adds up over each episode."""
+        self._middle, self._half = (
+            torch.as_tensor(array).to(worlds.qpos)
+            for array in (env.action_map.middle, env.action_map.half_range)
+        )
+        self._observations = observations_of(env.encoding, pieces, worlds, heard)
+        actions, reward = self._actions, self._reward
+        self._hand_controls = HandControls(actions, worlds) if actions is not None else None
+        self._hand_rewards = (
+            HandRewards(reward, self._task, pieces, worlds, heard) if reward is not None else None
+        )
+        self.hand_rewards: Tensor | None = None
+        """(N, h) rewards of the hands in the last step, if there are any."""
+        parts = (heard, self.sums, self._strikes, self._hand_rewards)
+        self._episodes = tuple(part for part in parts if part is not None)
+
+    @property
+    def config(self) -> Any:
+        """Settings of each environment."""
+        return self.piano.config
+
+    def seed(self, seed: int | None) -> None:
+        """Seed what is drawn from now on."""
+        self.np_random = np.random.default_rng(seed)
+
+    def reset(self, mask: Tensor | None = None, piece: Tensor | None = None) -> Tensor:
+        """Begin episodes.
+
+        Args:
+            mask: (N,) bool, the worlds in which one begins; by default all.
+            piece: (N,) numbers of what they play; by default dealt out or drawn.
+
+        Returns:
+            What all worlds observe, (N, n) float32.
+        """
+        if mask is None:
+            mask = torch.ones(self.num_envs, dtype=torch.bool)
+            self._begun = True
+        elif not self._begun:
+            raise EnvStateError("No episode is under way: call reset() without a mask first.")
+        mask = mask.to(self.device)
+        count = len(self.pieces.goals)
+        if piece is None and self._drawn:
+            piece = torch.from_numpy(self.np_random.integers(count, size=self.num_envs))
+        if piece is not None:
+            self.piece = torch.where(mask, piece.to(self.device), self.piece)
+        self.steps = torch.where(mask, 0, self.steps)
+        sliders = None
+        if self.config.randomize_hand_positions:
+            drawn = self.np_random.uniform(-_HAND_OFFSET, _HAND_OFFSET, self.num_envs)
+            sliders = torch.from_numpy(drawn).to(self.worlds.qpos)
+        self.worlds.reset(mask, sliders)
+        for part in self._episodes:
+            part.begin(mask)
+        return self.observe()
+
+    def step(self, actions: Tensor) -> BatchStep:
+        """Play a control step in all worlds.
+
+        Args:
+            actions: (N, n) numbers in [-1, 1].
+
+        Raises:
+            EnvStateError: Before the first reset.
+            InvalidActionError: If the actions have the wrong shape or are not finite.
+        """
+        if not self._begun:
+            raise EnvStateError("No episode is under way: call reset() before step().")
+        heard, step = self.heard, self._step()
+        row = self.pieces.first[self.piece] + step
+        heard.pedal, controls = self._controls(self._checked(actions), row)
+        self.worlds.step(controls)
+        heard.read()
+        self.terms = self._task.terms(self.piece, row)
+        if self._strikes is not None:
+            time = (step[:, None] + heard.share()) * self.config.control_timestep
+            hit = self._strikes.hit(self.piece, row, heard.struck, time)
+            worth = 2 * hit.sum(1) - heard.struck.sum(1)
+            self.terms["strike"] = worth.to(self.worlds.dtype)
+        weights = self.config.reward_weights
+        nothing = torch.zeros_like(heard.pedal)
+        weighted = [w * self.terms[n] if w else nothing for n, w in weights.items()]
+        reward = sum(weighted, nothing)
+        self.sums.add(row, step, weighted)
+        if self._hand_rewards is not None:
+            self.hand_rewards = self._hand_rewards.rewards(self.piece, row, step)
+            reward = self.hand_rewards.mean(1)
+        self.steps = step + 1
+        last = self.steps >= self.pieces.length[self.piece]
+        truncated = last | (self.steps >= self._limit)
+        terminated = self.worlds.lost.clone()
+        if self.config.wrong_press_termination:
+            terminated |= (heard.sounding & ~self.pieces.due[row]).any(1) & ~last
+        reward = torch.where(self.worlds.lost, 0.0, reward)
+        self.sums.earned += reward
+        return BatchStep(self.observe(), reward, terminated, truncated)
+
+    def observe(self) -> Tensor:
+        """Return what all worlds observe, (N, n) float32; at the end the last goal once more."""
+        return self._observations.write(self.pieces.first[self.piece] + self._step())
+
+    def summaries(self, worlds: Sequence[int]) -> list[dict[str, float]]:
+        """Return the metrics and returns of the episodes of some worlds so far."""
+        return self.sums.summaries(worlds, self.piece, self.steps)
+
+    def _step(self) -> Tensor:
+        """Return the control step under way, (N,); of an episode that has ended its last one."""
+        return torch.minimum(self.steps, self.pieces.length[self.piece] - 1)
+
+    def _controls(self, actions: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the pedal's commands and the actuators' targets."""
+        if self._hand_controls is None:
+            actions = actions.clamp(-1, 1)
+            told, pedal = actions[:, :-1], (actions[:, -1] + 1) / 2
+        else:  # through the piano's own actions, which are float32
+            controls = self._hand_controls.controls(actions)
+            told = ((controls - self._middle) / self._half).float().to(controls.dtype).clamp(-1, 1)
+            pedal = self.pieces.target_sustain[row].to(controls.dtype)
+        return pedal, self._middle + self._half * told
+
+    def _checked(self, actions: Tensor) -> Tensor:
+        expected = (self.num_envs, *self.action_space.shape)
+        if actions.shape != expected:
+            raise InvalidActionError(
+                f"The actions have shape {tuple(actions.shape)}: expected {expected}."
+            )
+        actions = actions.to(self.worlds.qpos)
+        if not torch.isfinite(actions).all():
+            raise InvalidActionError("Some actions are not finite: expected numbers in [-1, 1].")
+        return actions
+
+
+def _worlds(
+    piano: PianoEnv,
+    count: int,
+    backend: Backend,
+    device: str | None,
+    n_threads: int | None,
+    more: dict[str, Any],
+) -> Worlds:
+    scene, n_substeps = piano.scene, piano.config.n_substeps
+    if backend == "warp":
+        try:
+            from sb3_piano.batch.warp_worlds import WarpWorlds  # of the extra `gpu`
+        except ImportError as error:
+            raise ConfigError(
+                f"MuJoCo Warp cannot be imported ({one_line(error)}): expected the packages of the "
+                "extra gpu, mujoco-warp and warp-lang, or backend='cpu'."
+            ) from error
+        return WarpWorlds(scene, count, n_substeps, device=device, **more)
+    if device not in (None, "cpu"):
+        raise ConfigError(
+            f"device is {device!r}, but MuJoCo's own threads are on the CPU: expected "
+            "backend='warp'."
+        )
+    from sb3_piano.batch.cpu_worlds import CpuWorlds
+
+    return CpuWorlds(scene, count, n_substeps, n_threads, **more)

@@ -1,0 +1,121 @@
+"""The episodes of many worlds so far, and their metrics, which are those of one environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from sb3_piano.arrays import BoolArray
+from sb3_piano.batch.tables import Pieces
+from sb3_piano.batch.task import Heard
+from sb3_piano.batch.worlds import Tensor, Worlds
+from sb3_piano.envs.record import EnvState, EpisodeRecord
+from sb3_piano.envs.rewards import RETURN_PREFIX
+from sb3_piano.metrics import normalized_return
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+
+
+class Sums:
+    """What adds up over an episode, for those who want no more: N numbers of each kind."""
+
+    def __init__(self, pieces: Pieces, worlds: Worlds, heard: Heard, terms: Sequence[str]):
+        self._pieces, self._heard, self._terms = pieces, heard, tuple(terms)
+        new = worlds.qpos.new_zeros
+        self.returns = new(worlds.count, len(terms))
+        """(N, n) sums of the weighted terms."""
+        self.earned = new(worlds.count)
+        """(N,) sums of the rewards, whatever they are made of."""
+        self._f1 = new(worlds.count)
+
+    def begin(self, mask: Tensor) -> None:
+        """Begin the episodes of a mask."""
+        for array in (self.returns, self.earned, self._f1):
+            array[mask] = 0.0
+
+    def add(self, row: Tensor, step: Tensor, weighted: Sequence[Tensor]) -> None:
+        """Add a control step; the terms are in their order."""
+        del step
+        self.returns += torch.stack(tuple(weighted), 1)
+        due, sounding = self._pieces.target[row], self._heard.sounding
+        both = due.sum(1) + sounding.sum(1)
+        f1 = 2 * (due & sounding).sum(1) / both.clamp(min=1)
+        self._f1 += torch.where(both > 0, f1, 1.0)
+
+    def summaries(self, worlds: Sequence[int], piece: Tensor, step: Tensor) -> list[dict]:
+        """Return the mean F1 and the returns by name of worlds, whose episodes have some steps."""
+        index = torch.tensor(list(worlds), device=step.device)
+        f1 = (self._f1[index] / step[index]).tolist()
+        returns, pieces = self.returns[index].tolist(), piece[index].tolist()
+        found = []
+        for value, sums, number in zip(f1, returns, pieces, strict=True):
+            highest = self._pieces.goals[number].highest_return
+            names = {RETURN_PREFIX + n: s for n, s in zip(self._terms, sums, strict=True)}
+            share = normalized_return(sum(sums), highest)
+            found.append({"f1": value, "normalized_return": share, **names})
+        return found
+
+
+class History(Sums):
+    """What was heard in each control step, of which all metrics are made."""
+
+    def __init__(self, pieces: Pieces, worlds: Worlds, heard: Heard, terms: Sequence[str]):
+        super().__init__(pieces, worlds, heard, terms)
+        self._scene, self._n_substeps = worlds.scene, worlds.n_substeps
+        shape = worlds.count, int(pieces.length.max())
+        device = worlds.device
+        self._all = torch.arange(worlds.count, device=device)
+        self._sounding = torch.zeros(*shape, NUM_KEYS, dtype=torch.bool, device=device)
+        self._since = torch.zeros(*shape, NUM_KEYS, dtype=torch.int8, device=device)
+        self._pedal = torch.zeros(*shape, dtype=torch.bool, device=device)
+        self._tips = worlds.qpos.new_zeros(*shape, NUM_FINGERS, 3)
+
+    def add(self, row: Tensor, step: Tensor, weighted: Sequence[Tensor]) -> None:
+        """Note down a control step; the terms are in their order."""
+        self.returns += torch.stack(tuple(weighted), 1)
+        at, heard = (self._all, step), self._heard
+        self._sounding[at], self._since[at] = heard.sounding, heard.since
+        self._pedal[at], self._tips[at] = heard.pedal_down, heard.fingertips
+
+    def summaries(self, worlds: Sequence[int], piece: Tensor, step: Tensor) -> list[dict]:
+        """Return what the final ``info`` of a single environment would have of each world."""
+        return [self.record(w, int(piece[w]), int(step[w])).summary() for w in worlds]
+
+    def record(self, world: int, piece: int, steps: int) -> EpisodeRecord:
+        """Return the record of a world's episode."""
+        goal = self._pieces.goals[piece]
+        sounding, since, pedal, tips, returns = (
+            array.cpu().numpy()
+            for array in (
+                self._sounding[world, :steps],
+                self._since[world, :steps],
+                self._pedal[world, :steps],
+                self._tips[world, :steps].double(),
+                self.returns[world].double(),
+            )
+        )
+        state = EnvState(
+            physics=np.empty(0),
+            score=goal.source,
+            finished=True,
+            pedal=0.0,
+            key_active=sounding,
+            sustain=pedal,
+            fingertips=tips,
+            within=self._within(sounding, since),
+            returns=returns,
+        )
+        record = EpisodeRecord(goal, self._scene)
+        record.restore(state)
+        return record
+
+    def _within(self, sounding: BoolArray, since: np.ndarray) -> dict[int, BoolArray]:
+        """Return what sounded after each physics step of those steps in which a key changed."""
+        before = np.concatenate([np.zeros((1, NUM_KEYS), dtype=bool), sounding[:-1]])
+        changed = np.flatnonzero((sounding != before).any(axis=1))
+        substep = np.arange(self._n_substeps)[:, None]
+        return {
+            int(step): np.where(substep >= since[step], sounding[step], ~sounding[step])
+            for step in changed
+        }

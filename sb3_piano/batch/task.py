@@ -1,0 +1,215 @@
+"""What is heard in many worlds, and what it earns: the reward of the piano over tensors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+
+from sb3_piano.batch.tables import Pieces
+from sb3_piano.batch.worlds import Tensor, Worlds
+from sb3_piano.envs import PianoEnvConfig, rewards
+from sb3_piano.metrics.onsets import ONSET_TICKS_PER_S, ONSET_TOLERANCE
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+from sb3_piano.simulation import pedal_threshold
+from sb3_piano.simulation.scene import FAR_AWAY
+
+KEY_TOLERANCE = 0.05  # as in sb3_piano.envs.rewards
+_FINGER_TOLERANCE = 0.01
+
+
+class Heard:
+    """What was heard in the last control step of each world, and what can be seen of it."""
+
+    def __init__(self, worlds: Worlds):
+        scene, like = worlds.scene, worlds.qpos
+        self._worlds, self._scene = worlds, scene
+
+        def tensor(array: object) -> Tensor:
+            return torch.as_tensor(np.asarray(array)).to(like)
+
+        self._highest, self._sounds = map(tensor, (scene.key_max_angle, scene.key_sounding_angle))
+        self._press_offset = tensor(scene.key_press_offset)
+        self._press_geom = torch.as_tensor(scene.key_geom, device=like.device)
+        self._tip_site = torch.as_tensor(scene.fingertip_site, device=like.device)
+        self._fingers = torch.as_tensor(scene.fingers, device=like.device)
+        count = worlds.count
+        self._far = like.new_full((count, NUM_FINGERS, 3), FAR_AWAY)
+        self._substep = torch.arange(1, worlds.n_substeps + 1, device=like.device)[:, None]
+        self.key_state = like.new_zeros(count, NUM_KEYS)
+        """(N, 88) key angle over its largest angle, in [0, 1]."""
+        self.sounding = torch.zeros(count, NUM_KEYS, dtype=torch.bool, device=like.device)
+        """(N, 88) keys that sound."""
+        self.struck = self.sounding
+        """(N, 88) keys that do and did not before the control step."""
+        self.since = torch.zeros(count, NUM_KEYS, dtype=torch.int8, device=like.device)
+        """(N, 88) physics steps of it in which a key that changed was still as it had been."""
+        self.fingertips = self._far
+        """(N, 10, 3) m; those of a hand that is not there are far away."""
+        self.pedal = like.new_zeros(count)
+        """(N,) the pedal's command in [0, 1]."""
+        self._threshold = pedal_threshold()
+
+    @property
+    def pedal_down(self) -> Tensor:
+        """(N,) whether the pedal is down."""
+        return self.pedal >= self._threshold
+
+    def begin(self, mask: Tensor) -> None:
+        """Look at worlds at rest, whose episodes begin."""
+        self.pedal = torch.where(mask, 0.0, self.pedal)
+        self.since = torch.where(mask[:, None], 0, self.since)
+        self._look()
+
+    def read(self) -> None:
+        """Listen to a control step that was played."""
+        before = self.sounding
+        self._look()
+        changed = self.sounding != before
+        self.struck = self.sounding & changed
+        rows = changed.any(1).nonzero().flatten()
+        self.since = torch.zeros_like(self.since)
+        if len(rows):
+            within = self.within(rows)
+            other = (within != within[:, -1:]) * self._substep
+            self.since[rows] = other.amax(1).to(torch.int8)
+
+    def within(self, rows: Tensor | slice = slice(None)) -> Tensor:
+        """Return which keys sounded after each physics step, (n, p, 88), of some worlds."""
+        return self._worlds.key_angles[rows] >= self._sounds
+
+    def share(self) -> Tensor:
+        """Return after which share of the control step keys were for good as they are, (N, 88)."""
+        return (self.since.to(self._highest.dtype) + 1) / self._worlds.n_substeps
+
+    def press_points(self, key: Tensor) -> Tensor:
+        """Return where to press keys, (N, k), in their worlds, (N, k, 3) m."""
+        return at(self._worlds.geom_xpos, self._press_geom[key]) + self._press_offset[key]
+
+    def _look(self) -> None:
+        scene, worlds = self._scene, self._worlds
+        moving = worlds.qpos[:, scene.key_slice].clamp(min=0)
+        if moving.shape[1] < NUM_KEYS:
+            first, last = scene.moving_keys.start, scene.moving_keys.stop
+            moving = torch.nn.functional.pad(moving, (first, NUM_KEYS - last))
+        angle = torch.minimum(moving, self._highest)
+        self.key_state, self.sounding = angle / self._highest, angle >= self._sounds
+        if scene.sides:
+            tips = worlds.site_xpos.index_select(1, self._tip_site)
+            everyone = len(scene.sides) > 1
+            self.fingertips = tips if everyone else self._far.index_copy(1, self._fingers, tips)
+
+
+def at(rows: Tensor, index: Tensor) -> Tensor:
+    """Return rows, (N, m, 3), at (N, ...) indices of their second axis, (N, ..., 3)."""
+    flat = index.reshape(len(index), -1)
+    found = rows.gather(1, flat[..., None].expand(-1, -1, rows.shape[-1]))
+    return found.view(*index.shape, rows.shape[-1])
+
+
+def closeness(distance: Tensor, bound: float) -> Tensor:
+    """Return :func:`~sb3_piano.envs.rewards.tolerance` of distances, 0.1 at ten bounds beyond."""
+    outside = torch.maximum(distance - bound, -distance).clamp(min=0) / (10 * bound)
+    return torch.pow(0.1, outside * outside)
+
+
+def mean_where(values: Tensor, there: Tensor) -> Tensor:
+    """Return the mean of values along the last axis where they are; 0 where none is."""
+    return (values * there).sum(-1) / there.sum(-1).clamp(min=1)
+
+
+class Strikes:
+    """Strikes that hit an onset that no strike has hit yet, in each of N episodes."""
+
+    def __init__(self, pieces: Pieces, count: int):
+        self._onsets = pieces.onsets
+        self._open = self._onsets.begun(count)
+
+    def begin(self, mask: Tensor) -> None:
+        """Begin the episodes of a mask."""
+        self._open[mask] = self._onsets.begun(1)
+
+    def hit(self, piece: Tensor, row: Tensor, struck: Tensor, time: Tensor) -> Tensor:
+        """Return which strikes, (N, 88) bool at (N, 88) s, hit an open onset, and close these."""
+        candidates = self._onsets.candidates[row].long()
+        flat = candidates.flatten(1)
+        onset = self._onsets.time[piece].gather(1, flat).view_as(candidates)
+        still_open = self._open.gather(1, flat).view_as(candidates)
+        gap = (onset - time[..., None]).abs()
+        in_time = (gap * ONSET_TICKS_PER_S).round() / ONSET_TICKS_PER_S <= ONSET_TOLERANCE
+        gap = torch.where(in_time & still_open & struck[..., None], gap, torch.inf)
+        nearest, which = gap.min(-1)
+        hit = nearest < torch.inf
+        none = self._open.shape[1] - 1
+        taken = torch.where(hit, candidates.gather(-1, which[..., None])[..., 0], none)
+        self._open.scatter_(1, taken, False)
+        return hit
+
+
+class Task:
+    """Reward terms of the present state of each world under the goal of a control step."""
+
+    def __init__(self, config: PianoEnvConfig, pieces: Pieces, worlds: Worlds, heard: Heard):
+        self._config, self._pieces, self._worlds, self._heard = config, pieces, worlds, heard
+        self._scene = worlds.scene
+        kinds = {goal.fingering_reward for goal in pieces.goals}
+        self._transport = torch.tensor(
+            [goal.fingering_reward == "optimal-transport" for goal in pieces.goals]
+        ).to(worlds.device)
+        self._kinds = kinds
+        pairs = [(False, True), (False, False), (True, False)]
+        self._sustain = worlds.qpos.new_tensor([rewards.sustain(*pair) for pair in pairs])
+
+    def terms(self, piece: Tensor, row: Tensor) -> dict[str, Tensor]:
+        """Return the unweighted terms by name, (N,) each, without that of the strikes.
+
+        Args:
+            piece: (N,) what is played.
+            row: (N,) where the control step stands in the tables.
+        """
+        heard, pieces = self._heard, self._pieces
+        due, sustain = pieces.due[row], pieces.sustain[row]
+        wrong = (heard.sounding & ~due).any(1)
+        held = mean_where(closeness(1.0 - heard.key_state, KEY_TOLERANCE), due)
+        common = {
+            "key_press": torch.where(wrong, 0.0, 0.5) + 0.5 * held,
+            "sustain": self._sustain[1 + sustain.long() - heard.pedal_down.long()],
+        }
+        if not self._scene.sides:
+            mistakes = (heard.sounding != due).sum(1) + (sustain != heard.pedal_down)
+            mistakes = mistakes.to(held.dtype)
+            log = mistakes * math.log(1e-6)
+            return {"distance": -mistakes.sqrt(), "log_likelihood": log, **common}
+        worlds = self._worlds
+        power = (worlds.actuator_force.abs() * worlds.actuator_velocity.abs()).sum(1)
+        fingering = self._fingering(piece, row, due)
+        return {**common, "energy": -power, "fingering": fingering, "forearm": self._forearm()}
+
+    def _forearm(self) -> Tensor:
+        asked = self._config.forearm_reward
+        apart = ~self._worlds.forearms_touch() if asked else torch.zeros_like(self._worlds.lost)
+        return apart.to(self._worlds.dtype)
+
+    def _fingering(self, piece: Tensor, row: Tensor, due: Tensor) -> Tensor:
+        reward = self._worlds.qpos.new_zeros(self._worlds.count)
+        if "labels" in self._kinds:
+            reward = mean_where(self.near(row), self._pieces.labelled[row])
+        if "optimal-transport" in self._kinds:
+            for world in self._transport[piece].nonzero().flatten().tolist():
+                reward[world] = self._assigned(world, due[world].nonzero().flatten())
+        return reward
+
+    def near(self, row: Tensor) -> Tensor:
+        """Return how near labelled fingers are to their keys, (N, k) in [0, 1]."""
+        key, finger = self._pieces.key[row], self._pieces.finger[row]
+        way = self._heard.press_points(key) - at(self._heard.fingertips, finger)
+        return closeness(way.square().sum(-1).sqrt(), _FINGER_TOLERANCE)
+
+    def _assigned(self, world: int, keys: Tensor) -> float:
+        # Some keys in one world at a time, as of a single environment: for pieces without fingers.
+        worlds, scene = self._worlds, self._scene
+        geoms, offsets = scene.press_geometry(keys.cpu().numpy())
+        points = worlds.geom_xpos[world].double().cpu().numpy()[geoms] + offsets
+        tips = self._heard.fingertips[world].double().cpu().numpy()[scene.fingers]
+        return rewards.optimal_transport_fingering(tips, points)

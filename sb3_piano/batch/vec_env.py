@@ -1,0 +1,115 @@
+"""Many pianos for Stable-Baselines3: a vector of environments with NumPy's arrays at the border."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+from sb3_piano.batch.environment import BatchedPiano
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
+from sb3_piano.wrappers.hand_reward import HAND_REWARDS
+
+
+class BatchVecEnv(VecEnv):
+    """A :class:`BatchedPiano` as a vector of environments of Stable-Baselines3.
+
+    Where an episode ends, the next one begins at once. The ``info`` of the last step has the
+    music metrics, as that of a single environment, and ``episode``, as that of a ``Monitor``.
+    There are no single environments: attributes and methods are those of the one that is batched.
+
+    Args:
+        batch: The pianos.
+    """
+
+    def __init__(self, batch: BatchedPiano):
+        self.batch = batch
+        """The pianos themselves, whose tensors can be looked at."""
+        super().__init__(batch.num_envs, batch.observation_space, batch.action_space)
+        self._start = time.time()
+        self._actions = np.empty(0)
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seed all that is drawn from now on."""
+        self.batch.seed(seed)
+        return [seed] * self.num_envs
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every world."""
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        return _array(self.batch.reset())
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take actions, (N, n)."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Play the step; worlds whose episode ended are reset."""
+        batch = self.batch
+        observation, reward, terminated, truncated = batch.step(torch.as_tensor(self._actions))
+        ended = terminated | truncated
+        done = _array(ended)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if batch.hand_rewards is not None:
+            for info, each in zip(infos, _array(batch.hand_rewards), strict=True):
+                info[HAND_REWARDS] = each
+        if done.any():
+            self._end(infos, np.flatnonzero(done), observation, _array(truncated & ~terminated))
+            observation = batch.reset(ended)
+        return _array(observation), _array(reward).astype(np.float32), done, infos
+
+    def _end(
+        self, infos: list[dict[str, Any]], worlds: np.ndarray, last: torch.Tensor, cut: np.ndarray
+    ) -> None:
+        rows = _array(last[torch.from_numpy(worlds).to(last.device)])
+        steps = _array(self.batch.steps)
+        returns = _array(self.batch.sums.earned)
+        found = self.batch.summaries(worlds.tolist())
+        for world, row, metrics in zip(worlds.tolist(), rows, found, strict=True):
+            episode = {"r": round(float(returns[world]), 6), "l": int(steps[world])}
+            episode["t"] = round(time.time() - self._start, 6)
+            more = {"terminal_observation": row, "TimeLimit.truncated": bool(cut[world])}
+            infos[world] |= {**metrics, **more, "episode": episode}
+
+    def close(self) -> None:
+        """Do nothing: memory goes with the object."""
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Return an attribute of the environment that is batched, once for each index."""
+        value = getattr(self.batch.env, attr_name, None)
+        if value is None:
+            value = getattr(self.batch.piano, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Refuse: what worlds have in common cannot be set for one."""
+        raise ConfigError(
+            f"{attr_name!r} cannot be set in a batch: expected single environments, such as those "
+            "of vec_env 'threads'."
+        )
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the environment that is batched, once for each index."""
+        method = self.get_attr(method_name, 0)[0]
+        return [method(*args, **kwargs) for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """Return whether the environment that is batched has a wrapper, once for each index."""
+        found = any(isinstance(layer, wrapper_class) for layer in layers(self.batch.env))
+        return [found for _ in self._get_indices(indices)]
+
+
+def _array(tensor: torch.Tensor) -> np.ndarray:
+    array: np.ndarray = tensor.detach().cpu().numpy()
+    return array

@@ -1,0 +1,284 @@
+"""A batch gives, world by world, what single environments give."""
+
+from __future__ import annotations
+
+import functools
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+import sb3_piano
+from sb3_piano.batch import BatchedPiano, BatchVecEnv
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError
+from sb3_piano.music import Note, Score
+from sb3_piano.vec_env import HandsAsAgents
+from sb3_piano.wrappers import Excerpt, HandActions, HandReward, HideFingering
+
+FAST = {"physics": "fast", "initial_buffer_time": 0.2}
+
+
+def score(*pitches, step=0.15):
+    """Return notes one after the other, of the thumb to the little finger of the right hand."""
+    notes = [
+        Note(onset=step * i, offset=step * (i + 1), pitch=p, finger=i % 5)
+        for i, p in enumerate(pitches)
+    ]
+    return Score(notes=notes, title=f"from {pitches[0]}")
+
+
+SCORES = [score(60, 62, 64), score(67, 65, 64, 62, 60)]  # 14 and 20 control steps
+HANDS = (functools.partial(HandReward, strikes=0.4, guidance=0.2), HandActions)
+
+
+def smooth_actions(steps, n_envs, size, seed=0):
+    """Return actions that wander, with the fingers low so that keys are played."""
+    rng = np.random.default_rng(seed)
+    action, actions = np.zeros((n_envs, size)), []
+    for _ in range(steps):
+        action = np.clip(0.8 * action + 0.5 * rng.normal(size=action.shape), -1, 1)
+        actions.append(action.astype(np.float32))
+    return actions
+
+
+def single_envs(count, scores, wrappers, options):
+    envs = []
+    for slot in range(count):
+        env = PianoEnv(scores[slot % len(scores)], **options)
+        for wrapper in wrappers:
+            env = wrapper(env)
+        envs.append(env)
+    return envs
+
+
+def assert_equal_episodes(wrappers=(), scores=SCORES, count=4, **options):
+    """Play whole episodes in both; return how many keys were struck."""
+    options = {**FAST, **options}
+    envs = single_envs(count, scores, wrappers, options)
+    batch = BatchedPiano(count, scores, wrappers=wrappers, n_threads=1, **options)
+    first = np.stack([env.reset()[0] for env in envs])
+    np.testing.assert_array_equal(batch.reset().numpy(), first)
+    playing, struck = set(range(count)), 0
+    for action in smooth_actions(40, count, batch.action_space.shape[0]):
+        seen = batch.step(torch.from_numpy(action))
+        struck += int(batch.heard.struck.sum())
+        for slot in sorted(playing):
+            observation, reward, terminated, truncated, info = envs[slot].step(action[slot])
+            np.testing.assert_array_equal(seen.observation[slot].numpy(), observation)
+            assert seen.reward[slot].item() == pytest.approx(reward, abs=1e-12)
+            assert bool(seen.terminated[slot]) == terminated
+            assert bool(seen.truncated[slot]) == truncated
+            if terminated or truncated:
+                playing.discard(slot)
+                ours = batch.summaries([slot])[0]
+                assert ours == pytest.approx({name: info[name] for name in ours}, nan_ok=True)
+                assert ours["f1"] == info["f1"]
+                assert ours["onset_f1"] == info["onset_f1"]
+    assert not playing
+    return struck
+
+
+@pytest.mark.parametrize("observation", ["roll", "fingers", "hands"])
+def test_observations_rewards_and_metrics_are_those_of_single_environments(observation):
+    assert assert_equal_episodes(observation=observation) > 10
+
+
+def test_a_window_of_keys_is_cut_in_the_same_way():
+    assert_equal_episodes(observation="window", scores=SCORES[1:])
+
+
+def test_strikes_and_the_end_of_a_step_as_the_goal_are_rewarded_alike():
+    assert_equal_episodes(reward_weights={"strike": 0.3, "energy": 0.0}, goal_time="end")
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_one_hand_is_enough(side):
+    assert_equal_episodes(hands_in_scene=side, observation="hands", scores=[by_hand(side)])
+
+
+def by_hand(side):
+    first = 0 if side == "right" else 5
+    notes = [
+        Note(onset=0.2 * i, offset=0.2 * i + 0.1, pitch=60 + i, finger=first + i) for i in (0, 1)
+    ]
+    return Score(notes=notes, title=side)
+
+
+def test_a_piano_without_hands_plays_itself():
+    assert assert_equal_episodes(hands_in_scene="none") > 10
+
+
+def test_without_fingers_any_may_play():
+    assert_equal_episodes(fingering="optimal-transport", forearm_reward=False)
+
+
+def test_a_wrong_key_ends_an_episode_early():
+    assert_equal_episodes(wrong_press_termination=True)
+
+
+def test_hands_act_and_are_rewarded_as_by_their_wrappers():
+    assert assert_equal_episodes(HANDS, observation="hands") > 10
+
+
+def test_recorded_playing_is_equal_with_the_physics_that_is_faithful(performance):
+    actions, piece = performance["action"].astype(np.float32), f"debug-{performance.piece}"
+    options = {"physics": "faithful", "observation": "fingers", **performance.options}
+    env = PianoEnv(piece, **options)
+    batch = BatchedPiano(2, piece, n_threads=2, **options)
+    env.reset()
+    batch.reset()
+    noise = np.random.default_rng(0).normal(size=actions.shape)
+    for own, other in zip(actions, (actions + noise).clip(-1, 1), strict=True):
+        observation, reward, _, over, info = env.step(own)
+        seen = batch.step(torch.from_numpy(np.stack([other, own]).astype(np.float32)))
+        np.testing.assert_array_equal(seen.observation[1].numpy(), observation)
+        assert seen.reward[1].item() == pytest.approx(reward, abs=1e-12)
+    assert over
+    assert info["f1"] > 0.9
+    noisy, clean = batch.summaries([0, 1])
+    assert clean == pytest.approx({name: info[name] for name in clean})
+    assert noisy["f1"] < 0.5
+
+
+def test_worlds_are_reset_by_a_mask_and_others_play_on():
+    batch = BatchedPiano(2, SCORES[0], **FAST)
+    batch.reset()
+    actions = [torch.from_numpy(a) for a in smooth_actions(9, 2, 39)]
+    for action in actions[:4]:
+        batch.step(action)
+    batch.reset(torch.tensor([False, True]))
+    for action in actions[4:]:
+        seen = batch.step(action)
+    for world, start in ((0, 0), (1, 4)):
+        env = PianoEnv(SCORES[0], **FAST)
+        env.reset()
+        for action in actions[start:]:
+            observation, *_ = env.step(action[world].numpy())
+        np.testing.assert_array_equal(seen.observation[world].numpy(), observation)
+
+
+def test_equal_seeds_draw_equal_pieces_and_places():
+    wrappers = (functools.partial(Excerpt, start="random", length=0.2),)
+    options = {**FAST, "randomize_hand_positions": True, "wrappers": wrappers, "draws": 12}
+
+    def played(seed):
+        batch = BatchedPiano(6, SCORES[1], seed=seed, **options)
+        rows = [batch.reset().numpy(), batch.piece.numpy().copy(), batch.reset().numpy()]
+        assert len(batch.pieces.goals) > 2
+        return rows
+
+    for one, same in zip(played(3), played(3), strict=True):
+        np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(played(3)[0], played(4)[0])
+
+
+def test_sums_are_f1_and_returns_alone():
+    options = {**FAST, "n_threads": 1}
+    batches = [BatchedPiano(2, SCORES[0], metrics=kind, **options) for kind in ("all", "sums")]
+    for batch in batches:
+        batch.reset()
+        for action in smooth_actions(14, 2, 39):
+            batch.step(torch.from_numpy(action))
+    every, some = (batch.summaries([0, 1]) for batch in batches)
+    for one, few in zip(every, some, strict=True):
+        assert {"f1", "return_key_press", "normalized_return"} < set(few) < set(one)
+        assert few == pytest.approx({name: one[name] for name in few})
+
+
+def test_what_is_wrong_is_told_in_one_line():
+    with pytest.raises(ConfigError, match="HideFingering is no wrapper that can be batched"):
+        BatchedPiano(2, SCORES[0], wrappers=[HideFingering])
+    with pytest.raises(ConfigError, match="device is 'cuda', but MuJoCo's own threads are on"):
+        BatchedPiano(2, SCORES[0], device="cuda")
+    batch = BatchedPiano(2, SCORES[0], **FAST)
+    with pytest.raises(EnvStateError, match="call reset"):
+        batch.step(torch.zeros(2, 39))
+    batch.reset()
+    with pytest.raises(InvalidActionError, match=r"shape \(2, 3\): expected \(2, 39\)"):
+        batch.step(torch.zeros(2, 3))
+    with pytest.raises(InvalidActionError, match="not finite"):
+        batch.step(torch.full((2, 39), torch.nan))
+
+
+def test_a_world_whose_physics_breaks_down_ends_alone():
+    batch = BatchedPiano(2, SCORES[0], **FAST)
+    batch.reset()
+    batch.worlds.qpos[1, 5] = 1e12
+    seen = batch.step(torch.zeros(2, 39))
+    assert seen.terminated.tolist() == [False, True]
+    assert seen.reward[1] == 0
+    batch.reset(seen.terminated)
+    assert not batch.step(torch.zeros(2, 39)).terminated.any()
+
+
+def test_stable_baselines_gets_final_infos_and_next_episodes():
+    venv = BatchVecEnv(BatchedPiano(3, SCORES, **FAST))
+    first = venv.reset()
+    over = []
+    for action in smooth_actions(20, 3, 39):
+        observations, rewards, dones, infos = venv.step(action)
+        assert rewards.dtype == np.float32
+        for slot in np.flatnonzero(dones):
+            over.append((slot, infos[slot]["episode"]["l"]))
+            np.testing.assert_array_equal(observations[slot], first[slot])
+            assert infos[slot]["TimeLimit.truncated"]
+            assert infos[slot]["terminal_observation"].shape == first[slot].shape
+            returns = sum(v for name, v in infos[slot].items() if name.startswith("return_"))
+            assert infos[slot]["episode"]["r"] == pytest.approx(returns, abs=1e-4)
+            assert "onset_f1" in infos[slot]
+    assert over == [(0, 14), (2, 14), (1, 20)]
+
+
+def test_hands_are_agents_of_a_batch_too():
+    batch = BatchedPiano(2, SCORES[0], wrappers=HANDS, observation="hands", **FAST)
+    venv = HandsAsAgents(BatchVecEnv(batch))
+    assert venv.num_envs == 4
+    venv.reset()
+    action = smooth_actions(1, 4, venv.action_space.shape[0])[0]
+    observations, rewards, _, _ = venv.step(action)
+    assert observations.shape == (4, *venv.observation_space.shape)
+    assert rewards.tolist() == pytest.approx(batch.hand_rewards.flatten().tolist())
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_gymnasium_makes_vectors_of_each_mode_that_equal_those_of_threads(mode):
+    sb3_piano.register_envs()
+
+    def made(**more):
+        return gym.make_vec(
+            "RoboPianist-v0",
+            2,
+            gym.VectorizeMode.VECTOR_ENTRY_POINT,
+            score=SCORES[0],
+            autoreset_mode=mode,
+            **FAST,
+            **more,
+        )
+
+    ours, theirs = made(backend="cpu"), made()
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    np.testing.assert_array_equal(ours.reset()[0], theirs.reset()[0])
+    for action in smooth_actions(16, 2, 39):
+        *mine, my_info = ours.step(action)
+        *expected, info = theirs.step(action)
+        for one, other in zip(mine, expected, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-12)
+        if "final_info" in info:
+            assert set(my_info["final_info"]) < set(info["final_info"])
+        if expected[3].any() and mode == "Disabled":
+            both = np.ones(2, dtype=bool)
+            for envs in (ours, theirs):
+                envs.reset(options={"reset_mask": both})
+    theirs.close()
+
+
+def test_tensors_are_given_on_demand():
+    envs = gym.make_vec(
+        "RoboPianist-v0", 2, "vector_entry_point", score=SCORES[0], backend="cpu", tensors=True
+    )
+    observation, _ = envs.reset()
+    assert isinstance(observation, torch.Tensor)
+    assert isinstance(envs.step(torch.zeros(2, 39))[1], torch.Tensor)

@@ -60,6 +60,16 @@ class Recording:
     def __len__(self) -> int:
         return len(self.arrays["action"])
 
+    def replay(self, env) -> tuple[list[float], dict]:
+        """Play the actions in an environment to its end; return rewards and the final info."""
+        env.reset(seed=0)
+        rewards, truncated = [], False
+        for action in self["action"][: len(env.roll)]:
+            _, reward, _, truncated, info = env.step(action)
+            rewards.append(reward)
+        assert truncated
+        return rewards, info
+
 
 @pytest.fixture(scope="session")
 def ray_cluster():

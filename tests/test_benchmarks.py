@@ -52,14 +52,6 @@ def test_what_is_in_the_file_is_not_measured_again(table, tmp_path, monkeypatch)
         table.complete(path, [("hanon-02", "zero")], jobs=1)
 
 
-def test_a_file_keeps_the_headings_that_it_was_begun_with(table, tmp_path):
-    path = tmp_path / "older.csv"
-    path.write_text("piece,column,f1\nhanon-01,planned,0.9\n", encoding="utf-8")
-    table.append_row(path, row(table, "hanon-02", "planned", f1="0.8"))
-    rows = table.read_rows(path)
-    assert rows["hanon-02", "planned"] == {"piece": "hanon-02", "column": "planned", "f1": "0.8"}
-
-
 def test_losses_are_shares_of_the_frames_that_are_due(table, capsys):
     due = {"all": {"sounding": 6, "never": 1, "early": 1}, "thumb": {"never": 1}}
     shares = table.losses(Losses(due=due, wrong={"all": {"neighbour": 2}}))

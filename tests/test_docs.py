@@ -54,6 +54,13 @@ def run(code: list[str], folder: Path) -> str:
     return done.stdout
 
 
+def commands_of(page: Path) -> list[list[str]]:
+    """Return the arguments of each command of ours that a page shows."""
+    blocks = re.findall(r"^```bash\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+    lines = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
+    return [arguments for program, *arguments in filter(None, lines) if program == "sb3-piano"]
+
+
 def skip_without_packages(code: str) -> None:
     for named, package in (("sb3_piano.interop", "dm_control"), ("onnxruntime", "onnxruntime")):
         if named in code:
@@ -137,11 +144,9 @@ def test_the_page_of_the_repertoire_has_commands_that_run(tmp_path, monkeypatch,
     Path("my_music").mkdir()
     write_midi(load_score("OdeToJoy"), "my_piece.mid")
     write_midi(load_score("TwinkleTwinkle"), "my_music/twinkle.mid")
-    blocks = re.findall(r"^```bash\n(.*?)^```", PAGE, re.M | re.S)
-    commands = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
+    commands = commands_of(ROOT / "docs" / "repertoire.md")
     assert len(commands) > 8
-    for program, *arguments in commands:
-        assert program == "sb3-piano"
+    for arguments in commands:
         assert main(arguments) == 0, arguments
     assert "Imported" in capsys.readouterr().out
     assert Path("fur_elise.mid").is_file()
@@ -152,29 +157,20 @@ def test_the_page_of_the_repertoire_has_commands_that_run(tmp_path, monkeypatch,
 def test_the_page_of_the_planned_pianist_has_commands_that_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_midi(Score(notes=[Note(onset=0.0, offset=0.5, pitch=76)]), "my_piece.mid")
-    page = (ROOT / "docs" / "planned_pianist.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```bash\n(.*?)^```", page, re.M | re.S)
-    commands = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
-    assert len(commands) > 8
-    for program, *arguments in commands:
-        assert program == "sb3-piano"
-        _parser().parse_args(arguments)
     # The others take long, and have tests of their own.
-    play, plan = (next(c[1:] for c in commands if c[1] == name) for name in ("play", "plan"))
+    commands = commands_of(ROOT / "docs" / "planned_pianist.md")
+    play, plan = (next(c for c in commands if c[0] == name) for name in ("play", "plan"))
     shortly = ["0.001" if argument == "5" else argument for argument in plan]
     assert main([*play, "--no-video"]) == main(shortly) == 0
     assert re.search(r"^planned: F1 [01]\.\d", capsys.readouterr().out, re.MULTILINE)
     assert Path("my_piece.npz").is_file()
 
 
-@pytest.mark.parametrize("name", ["index", "getting_started"])
-def test_the_commands_of_the_first_pages_are_ones_that_there_are(name):
-    page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```bash\n(.*?)^```", page, re.M | re.S)
-    commands = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
-    ours = [arguments for program, *arguments in commands if program == "sb3-piano"]
-    assert ours
-    for arguments in ours:
+@pytest.mark.parametrize("name", ["index", "getting_started", "planned_pianist"])
+def test_the_commands_of_a_page_are_ones_that_there_are(name):
+    commands = commands_of(ROOT / "docs" / f"{name}.md")
+    assert commands
+    for arguments in commands:
         _parser().parse_args(arguments)
 
 

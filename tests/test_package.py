@@ -90,6 +90,12 @@ def imported_modules(path: Path) -> set[str]:
     return {name.removeprefix("sb3_piano.") for name in names if name.startswith("sb3_piano.")}
 
 
+def run(program: str, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in an interpreter of its own."""
+    command = [sys.executable, *options, "-c", textwrap.dedent(program)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
 @pytest.mark.parametrize(("folder", "rooms"), [("", ROOMS), ("lab", LAB)], ids=["all", "lab"])
 def test_a_room_imports_only_from_rooms_before_it(folder, rooms):
     """In particular nothing imports the lab, but that the command line's table names it."""
@@ -104,8 +110,7 @@ def test_a_room_imports_only_from_rooms_before_it(folder, rooms):
 
 
 def test_importing_the_package_prints_nothing_and_warns_of_nothing():
-    command = [sys.executable, "-W", "error", "-c", "import sb3_piano"]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run("import sb3_piano", "-W", "error")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -138,18 +143,13 @@ HEAVY = (
 )
 def test_what_takes_long_to_be_imported_is_not_where_it_is_not_needed(program, unneeded):
     told = "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr))\n"
-    command = [sys.executable, "-c", told + program]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = run(told + program)
+    assert done.returncode == 0
     assert not unneeded & set(done.stderr.split())
 
 
 def test_a_part_of_the_package_is_imported_when_it_is_asked_for():
-    program = """
-        import sb3_piano
-        print(sb3_piano.envs.PianoEnv.__name__, hasattr(sb3_piano, "nothing"))
-    """
-    command = [sys.executable, "-c", textwrap.dedent(program)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = run("import sb3_piano as s; print(s.envs.PianoEnv.__name__, hasattr(s, 'nothing'))")
     assert done.stdout == "PianoEnv False\n"
 
 
@@ -163,8 +163,7 @@ def test_an_episode_needs_no_dm_control():
         env.step(env.action_space.sample())
         print(*{name.split(".")[0] for name in sys.modules} & {"dm_control", "dm_env", "labmaze"})
     """
-    command = [sys.executable, "-c", textwrap.dedent(program)]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run(program)
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
 
 

@@ -120,21 +120,6 @@ def test_nothing_starts_from_a_training_that_is_not_at_its_end(tmp_path, monkeyp
         training.config(tmp_path)
 
 
-def test_figures_of_fewer_steps_than_a_cell_has_are_not_kept(tmp_path, monkeypatch):
-    cells, table = script("cells", monkeypatch), script("table", monkeypatch)
-    training = cells.Training(cells.Cell("table_1/from_nothing"), STUDY["pieces"][0], 0)
-    folder = tmp_path / training.folder
-    config = training.config(tmp_path)
-    RunFolder.create(config, folder)
-    figures = {"f1": 0.5, "onset_f1": 0.25}
-    one = {"piece": "a", "mean": figures, "baseline": {"f1": 0.0}}
-    for steps, kept in ((config.n_timesteps - 1, 0), (config.n_timesteps, 1)):
-        evaluations = [{**one, "num_timesteps": steps}]
-        (folder / "pieces.json").write_text(json.dumps({"evaluations": evaluations}))
-        assert len(table.read_runs(tmp_path, only_whole=True)) == kept
-        assert len(table.read_runs(tmp_path)) == 1
-
-
 def test_the_page_has_the_tables_of_what_was_kept(tmp_path, monkeypatch, capsys):
     script("cells", monkeypatch)
     monkeypatch.setattr(sys, "argv", ["table.py", "--runs", str(tmp_path)])

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from sb3_piano.music import PianoRoll, load_score
-from sb3_piano.training import evaluate, load_config, train
+from sb3_piano.training import RunFolder, load_config
 
 FOLDER = Path(__file__).parents[1] / "examples" / "sac_vs_td3"
 FILES = sorted(FOLDER.glob("*/*.yml"))
@@ -42,13 +42,9 @@ def name_of(file):
     return f"{file.parent.name}/{file.stem}"
 
 
-def entry_of(file):
-    ((env_id, entry),) = yaml.safe_load(file.read_text(encoding="utf-8")).items()
-    return env_id, entry
-
-
 def config_of(file):
-    return load_config(file.parent.name, entry_of(file)[0], file)
+    (env_id,) = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return load_config(file.parent.name, env_id, file)
 
 
 def hyperparameters(file):
@@ -63,7 +59,7 @@ def test_the_paper_s_tables_have_all_cells_and_no_others():
 
 
 @pytest.mark.parametrize("file", FILES, ids=name_of)
-def test_a_cell_holds_what_its_name_says(file):
+def test_a_cell_holds_what_its_name_says_and_what_its_algorithm_has(file):
     piece = next(piece for piece in PIECES if file.stem.startswith(piece))
     env_id, words = PIECES[piece]
     config = config_of(file)
@@ -76,10 +72,6 @@ def test_a_cell_holds_what_its_name_says(file):
     title = file.read_text(encoding="utf-8").partition("\n")[0]
     assert config.algo.upper() in title
     assert words in title
-
-
-@pytest.mark.parametrize("file", FILES, ids=name_of)
-def test_a_cell_has_the_hyperparameters_of_its_algorithm(file):
     assert hyperparameters(file) == hyperparameters(file.parent / "c_major.yml")
 
 
@@ -98,90 +90,89 @@ def test_the_algorithms_share_what_the_paper_has_for_both():
 # The driver, as a user runs it.
 
 
-def arguments(runs):
-    return [CELL, "--steps", str(STEPS), "--runs", str(runs), "--no-progress"]
-
-
 def steps_of(folder):
     return json.loads((folder / "checkpoint/checkpoint.json").read_bytes())["num_timesteps"]
 
 
+@pytest.fixture
+def script(monkeypatch, capsys):
+    """Return a function that runs a script of the study: its status, output and messages."""
+
+    def run(name, *arguments):
+        monkeypatch.syspath_prepend(FOLDER)  # where the interpreter looks first for its imports
+        monkeypatch.setattr(sys, "argv", [name, *arguments])
+        capsys.readouterr()
+        status = None
+        try:
+            runpy.run_path(str(FOLDER / name), run_name="__main__")
+        except SystemExit as error:
+            status = error.code
+        return (status, *capsys.readouterr())
+
+    return run
+
+
 @pytest.mark.slow
-def test_the_driver_trains_what_is_missing_and_the_table_shows_it(tmp_path, monkeypatch, capsys):
-    runs = tmp_path / "runs"
+def test_the_driver_trains_what_is_missing_and_what_is_kept_outlives_its_folder(
+    tmp_path, script, monkeypatch
+):
+    runs, kept = tmp_path / "runs", tmp_path / "kept.json"
     folder = runs / "td3" / "d_major_seed_0"
     metrics = folder / "evaluation" / "metrics.json"
-    with pytest.raises(SystemExit) as exit_status:
-        run_script("run.py", arguments(runs), monkeypatch)
-    assert exit_status.value.code == 0
-    output = capsys.readouterr().out
-    assert steps_of(folder) == STEPS
+    command = [CELL, "--steps", str(STEPS), "--runs", str(runs), "--no-progress"]
+    status, output, _ = script("run.py", *command)
+    assert (status, steps_of(folder)) == (0, STEPS)
     config = yaml.safe_load((folder / "config.yml").read_text())
     assert (config["n_timesteps"], config["seed"], config["algo"]) == (STEPS, 0, "td3")
     mean = json.loads(metrics.read_bytes())["mean"]
     assert f"return {mean['return']:.2f}, F1 {mean['f1']:.3f}" in output
 
     times = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
-    with pytest.raises(SystemExit) as exit_status:
-        run_script("run.py", arguments(runs), monkeypatch)
-    assert exit_status.value.code == 0
-    assert capsys.readouterr().out == "1 of 1 runs are finished.\n"
+    assert script("run.py", *command)[:2] == (0, "1 of 1 runs are finished.\n")
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == times
 
-    none = ["--runs", str(runs), "--kept", str(tmp_path / "kept.json")]
-    run_script("table.py", none, monkeypatch)
-    printed = capsys.readouterr().out
-    measured, *_ = re.findall(rf"^\| {CELL} \| (.*) \|$", printed, re.MULTILINE)
-    missing, *_ = re.findall(r"^\| sac/d_major \| (.*) \|$", printed, re.MULTILINE)
-    assert measured.startswith(f"{mean['return']:.1f} | ")
-    assert measured.split(" | ")[2] == "421.6"
-    assert f"{mean['f1']:.3f} |" in measured
-    assert missing.startswith("- | - | 248.3 | - |")
+    def row(cell):
+        printed = script("table.py", *places)[1]
+        return re.search(rf"^\| {cell} \| (.*) \|$", printed, re.MULTILINE)[1]
 
+    places = ["--runs", str(runs), "--kept", str(kept)]
+    assert row(CELL).startswith(f"{mean['return']:.1f} | ")
+    assert row(CELL).split(" | ")[2] == "421.6"
+    assert f"{mean['f1']:.3f} |" in row(CELL)
+    assert row("sac/d_major").startswith("- | - | 248.3 | - |")
     whole = metrics.read_text()
     metrics.write_text(json.dumps({**json.loads(whole), "num_timesteps": STEPS - 1}))
-    run_script("table.py", none, monkeypatch)  # what was judged in the middle is no result
-    assert re.search(rf"^\| {CELL} \| - \|", capsys.readouterr().out, re.MULTILINE)
+    assert row(CELL).startswith("- |")  # what was judged in the middle is no result
     metrics.write_text(whole)
 
-    run_script("figures.py", [*none, "--out", str(tmp_path / "out")], monkeypatch)
-    printed = capsys.readouterr().out
+    printed = script("figures.py", *places, "--out", str(tmp_path / "out"))[1]
     drawn = sorted(path.stem for path in (tmp_path / "out").iterdir())
     assert drawn == ["figure_3", "figure_8"]  # those with the only cell that was run
     assert "figure_4: none of its cells was run" in printed
 
-
-@pytest.mark.slow
-def test_what_is_kept_of_a_run_outlives_its_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.syspath_prepend(FOLDER)
     import cells
     import results
 
-    runs, kept = tmp_path / "runs", tmp_path / "kept.json"
     (cell,) = cells.find_cells([CELL])
-    config = cell.config(3, n_timesteps=320, learning_starts=1000)
-    train(config, cell.run_folder(runs, 3), progress_bar=False)
-    evaluate(cell.run_folder(runs, 3))
-    kept.write_text(json.dumps({CELL: {"0": {"columns": {"F1": 0.5}}}}))
+    kept.write_text(json.dumps({CELL: {"7": {"columns": {"F1": 0.5}}}}))
     assert results.keep([cell], runs, kept) == 0  # of another length than the cell's
+    config = RunFolder.open(folder).read_config()
     monkeypatch.setattr(cells.Cell, "config", lambda self, seed: config)
     assert results.keep([cell], runs, kept) == 1
     before = results.results_of(cell, runs, tmp_path / "nothing.json")
     shutil.rmtree(runs)
     after = results.results_of(cell, runs, kept)
-    assert {0: results.Result({"F1": 0.5})} | before == after
-    assert after[3].steps[-1] == 320
-    per_step = after[3].columns["return"] / 151
-    assert after[3].columns["return / step"] == pytest.approx(per_step, rel=1e-4)
-    run_script("table.py", ["--runs", str(runs), "--kept", str(kept)], monkeypatch)
-    row, *_ = re.findall(rf"^\| {CELL} \| (.*) \|$", capsys.readouterr().out, re.MULTILINE)
-    assert row.endswith("| 2")
-    assert f"| {(0.5 + after[3].columns['F1']) / 2:.3f} |" in row
+    assert before | {7: results.Result({"F1": 0.5})} == after
+    assert after[0].steps[-1] == STEPS
+    per_step = after[0].columns["return"] / 151
+    assert after[0].columns["return / step"] == pytest.approx(per_step, rel=1e-4)
+    assert row(CELL).endswith("| 2")
+    assert f"| {(0.5 + after[0].columns['F1']) / 2:.3f} |" in row(CELL)
 
 
-def test_the_page_has_the_tables_that_the_kept_results_give(tmp_path, monkeypatch, capsys):
-    run_script("table.py", ["--runs", str(tmp_path)], monkeypatch)
-    printed = rows_of(capsys.readouterr().out)
+def test_the_page_has_the_tables_that_the_kept_results_give(tmp_path, script):
+    printed = rows_of(script("table.py", "--runs", str(tmp_path))[1])
     page = Path(__file__).parents[1] / "docs" / "reproductions" / "sac_vs_td3.md"
     shown = rows_of(page.read_text(encoding="utf-8"))
     assert len(shown) == len(printed) == 41
@@ -202,21 +193,11 @@ def rows_of(text):
     return rows
 
 
-def test_an_unknown_cell_is_one_clear_error(tmp_path, monkeypatch, capsys):
-    with pytest.raises(SystemExit) as exit_status:
-        run_script("run.py", ["td3/d_majr", "--runs", str(tmp_path / "runs")], monkeypatch)
-    assert exit_status.value.code == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
+def test_an_unknown_cell_is_one_clear_error(tmp_path, script):
+    status, _, error = script("run.py", "td3/d_majr", "--runs", str(tmp_path / "runs"))
+    assert (status, error.count("\n")) == (2, 1)
     assert "No cell is called 'td3/d_majr'. Did you mean 'td3/d_major'" in error
-    assert "Traceback" not in error
     assert not list(tmp_path.iterdir())
-
-
-def run_script(name, arguments, monkeypatch):
-    monkeypatch.syspath_prepend(FOLDER)  # where the interpreter looks first for a script's imports
-    monkeypatch.setattr(sys, "argv", [name, *arguments])
-    runpy.run_path(str(FOLDER / name), run_name="__main__")
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])

@@ -41,11 +41,9 @@ class Noted(BaseCallback):
     def __init__(self):
         super().__init__()
         self.seen = set()
-        self.precisions = set()
 
     def _on_step(self):
-        self.seen.add(torch.get_num_threads())
-        self.precisions.add(torch.get_float32_matmul_precision())
+        self.seen.add((torch.get_num_threads(), torch.get_float32_matmul_precision()))
         return True
 
 
@@ -76,17 +74,23 @@ def test_a_wish_counts_more_than_a_variable_until_an_error(monkeypatch, variable
     assert torch.get_num_threads() == FORMER
 
 
-@pytest.mark.parametrize(("wished", "expected"), [(None, "high"), ("medium", "medium")])
-def test_a_training_has_its_precision_and_goes_on_with_it(tmp_path, high, wished, expected):
+@pytest.mark.parametrize(
+    ("wished", "expected"),
+    [({}, (1, "high")), ({"num_threads": 2, "matmul_precision": "medium"}, (2, "medium"))],
+)
+def test_a_training_has_its_threads_and_precision_and_goes_on_with_them(
+    tmp_path, high, wished, expected
+):
     noted = Noted()
-    config = pendulum(matmul_precision=wished)
-    run = train(config, tmp_path / "run", callbacks=[noted], progress_bar=False).folder
-    assert noted.precisions == {expected}
-    assert yaml.safe_load(run.provenance_file.read_text())["matmul_precision"] == expected
-    noted.precisions.clear()
+    run = train(pendulum(**wished), tmp_path / "run", callbacks=[noted], progress_bar=False).folder
+    assert noted.seen == {expected}
+    provenance = yaml.safe_load(run.provenance_file.read_text())
+    assert (provenance["torch_threads"], provenance["matmul_precision"]) == expected
+    assert run.read_config().num_threads == wished.get("num_threads")
+    noted.seen.clear()
     resume(run.path, 30, callbacks=[noted], progress_bar=False)
-    assert noted.precisions == {expected}
-    assert torch.get_float32_matmul_precision() == "high"
+    assert noted.seen == {expected}
+    assert (torch.get_num_threads(), torch.get_float32_matmul_precision()) == (FORMER, "high")
 
 
 def test_a_precision_that_there_is_not_is_refused():
@@ -94,30 +98,14 @@ def test_a_precision_that_there_is_not_is_refused():
         pendulum(matmul_precision="low")
 
 
-@pytest.mark.parametrize(("wished", "expected"), [(None, 1), (2, 2)])
-def test_a_training_has_its_threads_and_notes_them(tmp_path, wished, expected):
-    noted = Noted()
-    config = pendulum(num_threads=wished)
-    run = train(config, tmp_path / "run", callbacks=[noted], progress_bar=False).folder
-    assert noted.seen == {expected}
-    assert yaml.safe_load(run.provenance_file.read_text())["torch_threads"] == expected
-    assert run.read_config().num_threads == wished
-    assert torch.get_num_threads() == FORMER
-
-
-def test_what_goes_on_and_what_plays_has_its_threads(tmp_path, monkeypatch):
+def test_what_plays_has_its_threads(tmp_path, monkeypatch):
     run = train(pendulum(num_threads=2), tmp_path / "run", progress_bar=False).folder
-    seen = []
-    forward = torch.nn.Linear.forward
+    seen, forward = set(), torch.nn.Linear.forward
 
     def noted(layer, inputs):
-        seen.append(torch.get_num_threads())
+        seen.add(torch.get_num_threads())
         return forward(layer, inputs)
 
     monkeypatch.setattr(torch.nn.Linear, "forward", noted)
     evaluate(run.path)
-    assert set(seen) == {1}
-    seen.clear()
-    resume(run.path, 30, progress_bar=False)
-    assert set(seen) == {2}
-    assert torch.get_num_threads() == FORMER
+    assert seen == {1}

@@ -43,8 +43,7 @@ def test_transitions_are_equal_for_any_pattern_of_episodes(
     for step in steps:
         if step == "start anew":
             play.reset()
-        transition = play.step(ends.get(step))
-        add(pair, transition)
+        add(pair, play.step(ends.get(step)))
         assert_equal(*pair, normalizer)
 
 
@@ -54,8 +53,7 @@ def test_n_step_returns_are_equal_too(n_steps):
     play = Play(n_envs=2)
     pair = [kind(40, SPACE, ACTIONS, "cpu", 2, n_steps=n_steps, gamma=0.9) for kind in N_STEP]
     for _ in range(50):
-        transition = play.step()
-        add(pair, transition)
+        add(pair, play.step())
         assert_equal(*pair)
 
 
@@ -101,8 +99,7 @@ def test_after_a_reset_nothing_of_before_is_left():
         for buffer in pair:
             buffer.reset()
         for _ in range(count):
-            transition = play.step()
-            add(pair, transition)
+            add(pair, play.step())
     assert_equal(*pair)
     fresh, _ = make_pair(5, 2)
     pair[0].reset()
@@ -114,16 +111,14 @@ def test_a_transition_that_is_not_added_to_its_end_leaves_those_before_it_alone(
     """As Ctrl-C may do, after which a notebook calls ``learn`` again."""
     play, pair = Play(n_envs=2), make_pair(5, 2)
     for _ in range(rows):
-        transition = play.step([False, False])
-        add(pair, transition)
+        add(pair, play.step([False, False]))
     half = list(play.step([False, False]))
     half[4] = np.zeros(7)  # the ends come after all else
     for buffer in pair:
         with pytest.raises(ValueError, match="broadcast"):
             buffer.add(*half)
     play.reset()
-    transition = play.step()
-    add(pair, transition)
+    add(pair, play.step())
     assert_equal(*pair)
 
 
@@ -131,8 +126,7 @@ def test_a_transition_that_is_not_added_to_its_end_leaves_those_before_it_alone(
 def test_a_copy_is_equal_and_goes_on_by_itself(again):
     play, pair = Play(n_envs=2), make_pair(5, 2)
     for _ in range(8):
-        transition = play.step()
-        add(pair, transition)
+        add(pair, play.step())
     twin = again(pair[0])
     assert_equal(twin, pair[1])
     before = copy.deepcopy(pair[1])
@@ -160,8 +154,7 @@ def test_a_million_transitions_of_the_full_observation_need_less_than_a_gigabyte
 def test_a_binary_number_that_is_neither_0_nor_1_is_an_error_and_changes_nothing():
     play, pair = Play(n_envs=2), make_pair(4, 2)
     for _ in range(5):
-        transition = play.step()
-        add(pair, transition)
+        add(pair, play.step())
     bad = copy.deepcopy(play.step())
     bad[0][1, 5] = 0.75
     with pytest.raises(ConfigError, match=r"column 5 \(in block 'b1'\) of environment 1 is 0.75"):

@@ -4,7 +4,8 @@ import csv
 
 import gymnasium as gym
 import numpy as np
-from stable_baselines3 import TD3
+import torch
+from stable_baselines3 import PPO, TD3
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -49,12 +50,6 @@ class ScriptedEnv(gym.Env):
         self.closed = True
 
 
-def as_dict(env):
-    """Show what is observed under a name."""
-    space = gym.spaces.Dict({"vector": env.observation_space})
-    return gym.wrappers.TransformObservation(env, lambda seen: {"vector": seen}, space)
-
-
 def with_f1(*values):
     """Return the environment whose episodes have these F1."""
     return ScriptedEnv([{"f1": value} for value in values])
@@ -90,23 +85,34 @@ def on_pieces(*several, vector=DummyVecEnv, **options):
     )
 
 
-def tiny_td3(env, **changes):
-    """Return a TD3 that only collects, unless told to learn."""
+def tiny(env, algorithm=TD3, **changes):
+    """Return a model that only collects, unless told to learn."""
     kwargs = {
         "policy_kwargs": {"net_arch": [4]},
-        "learning_starts": 1000,
+        "learning_starts": 10**6,
         "buffer_size": 1000,
         "batch_size": 4,
         "device": "cpu",
         "seed": 1,
         **changes,
     }
-    return TD3("MlpPolicy", env, **kwargs)
+    has_names = isinstance(getattr(env, "observation_space", None), gym.spaces.Dict)
+    return algorithm("MultiInputPolicy" if has_names else "MlpPolicy", env, **kwargs)
 
 
-def vector_of(env, n_envs=1, **kwargs):
-    """Return a vector with a Monitor around each environment that ``env()`` makes."""
-    return make_vec_env(env, n_envs=n_envs, **kwargs)
+def tiny_ppo(env, n_steps, **changes):
+    """Return a PPO with roll-outs of so many steps, each of which is a batch."""
+    kwargs = {"n_epochs": 1, "policy_kwargs": {"net_arch": [8]}, "device": "cpu", **changes}
+    return PPO("MlpPolicy", env, n_steps=n_steps, batch_size=n_steps, **kwargs)
+
+
+def weights_of(model):
+    """Return all weights of a policy as one vector."""
+    return torch.cat([one.detach().flatten() for one in model.policy.parameters()])
+
+
+vector_of = make_vec_env
+"""Return a vector with a Monitor around each environment that a function makes."""
 
 
 def log_lines(folder, model, steps, callback, **kwargs):

@@ -5,10 +5,12 @@ import copy
 import numpy as np
 import pytest
 import torch
+from acting import ActAt
+from episodes import as_dict
 from sb3_contrib import TQC, CrossQ
-from scripted import as_dict
+from scripted import tiny, tiny_ppo
 from short_scores import score_of
-from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
@@ -25,17 +27,10 @@ def piano():
     return PreviousActionReward(PianoEnv(TUNE, physics="fast", hands_in_scene="right"))
 
 
-def learner(env=None, algorithm=SAC, policy="MlpPolicy", **arguments):
+def learner(env=None, algorithm=SAC, **arguments):
     torch.manual_seed(0)
-    arguments = {"learning_starts": 10, "batch_size": 8, **arguments}
-    return algorithm(
-        policy,
-        piano() if env is None else env,
-        policy_kwargs={"net_arch": [16]},
-        seed=0,
-        device="cpu",
-        **arguments,
-    )
+    settings = {"learning_starts": 10, "batch_size": 8, "policy_kwargs": {"net_arch": [16]}}
+    return tiny(piano() if env is None else env, algorithm, **{**settings, "seed": 0, **arguments})
 
 
 class Look(BaseCallback):
@@ -58,12 +53,9 @@ def looked_at(callback, look, **arguments):
 def test_after_an_interrupted_training_another_one_searches_anew():
     model = learner()
 
-    def interrupt(_):
-        raise KeyboardInterrupt
-
     callback = ActionSearchCallback(candidates=3)
     with pytest.raises(KeyboardInterrupt):
-        model.learn(20, callback=[callback, Look(interrupt)])
+        model.learn(20, callback=[callback, ActAt(15, "keyboard")])
     model.learn(20, callback=callback)
     assert model.num_timesteps == 20
     assert "_predict" not in vars(model.policy)
@@ -197,30 +189,23 @@ def test_trainings_explore_by_it_and_are_as_before_afterwards(algorithm, score):
 
 
 def test_a_model_is_saved_while_it_searches(tmp_path):
-    def look(model):
-        model.save(tmp_path / "model.zip")
-
-    looked_at(ActionSearchCallback(candidates=3), look)
+    looked_at(ActionSearchCallback(candidates=3), lambda model: model.save(tmp_path / "model.zip"))
     loaded = SAC.load(tmp_path / "model.zip", device="cpu")
     assert loaded.predict(np.zeros(loaded.observation_space.shape))[0].shape == (20,)
 
 
-def test_what_cannot_be_searched_is_refused():
-    with pytest.raises(ConfigError, match="TD3 has no critics and no distribution"):
-        learner(algorithm=TD3).learn(5, callback=ActionSearchCallback())
-    with pytest.raises(ConfigError, match="PPO has no critics and no distribution"):
-        PPO("MlpPolicy", piano(), n_steps=8, batch_size=8, device="cpu").learn(
-            8, callback=ActionSearchCallback()
-        )
-    with pytest.raises(ConfigError, match="use_sde is True"):
-        learner(use_sde=True).learn(5, callback=ActionSearchCallback())
-    with pytest.raises(ConfigError, match=r"search by Dict.*: expected a space of plain arrays"):
-        learner(as_dict(piano()), policy="MultiInputPolicy").learn(
-            5, callback=ActionSearchCallback()
-        )
-    venv = SubprocVecEnv([piano], start_method="spawn")
-    try:
-        with pytest.raises(ConfigError, match="in other processes"):
-            learner(venv).learn(5, callback=ActionSearchCallback(score="both"))
-    finally:
-        venv.close()
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (lambda: learner(algorithm=TD3), "TD3 has no critics and no distribution"),
+        (lambda: tiny_ppo(piano(), 8), "PPO has no critics and no distribution"),
+        (lambda: learner(use_sde=True), "use_sde is True"),
+        (lambda: learner(as_dict(piano())), r"search by Dict.*: expected a space of plain arrays"),
+        (lambda: learner(SubprocVecEnv([piano], start_method="spawn")), "in other processes"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused(model, message):
+    learns = model()
+    with pytest.raises(ConfigError, match=message):
+        learns.learn(8, callback=ActionSearchCallback(score="both"))
+    learns.get_env().close()

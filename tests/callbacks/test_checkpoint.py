@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from acting import ActAt
+from scripted import tiny
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList, EveryNTimesteps
 from stable_baselines3.common.env_util import make_vec_env
@@ -17,15 +19,8 @@ from sb3_piano.exceptions import ConfigError, RunError
 
 def make_model(n_envs=1, normalize=False, **kwargs):
     venv = make_vec_env("Pendulum-v1", n_envs=n_envs, seed=0)
-    if normalize:
-        venv = VecNormalize(venv)
-    settings = {
-        "learning_starts": 1000,
-        "buffer_size": 60 * n_envs,
-        "policy_kwargs": {"net_arch": [8]},
-        "device": "cpu",
-    }
-    return SAC("MlpPolicy", venv, seed=0, **{**settings, **kwargs})
+    settings = {"buffer_size": 60 * n_envs, "batch_size": 256, "seed": 0, **kwargs}
+    return tiny(VecNormalize(venv) if normalize else venv, SAC, **settings)
 
 
 class SavedSteps(BaseCallback):
@@ -181,8 +176,8 @@ def test_the_states_of_callbacks_at_the_checkpoints_step_are_saved_and_each_gets
     found, every = counters()
     checkpoint = ResumableCheckpoint(tmp_path, 20, callbacks=every)
     model = make_model()
-    with pytest.raises(Killed):
-        model.learn(25, callback=[*every, checkpoint, KilledAt(23)])
+    with pytest.raises(KeyboardInterrupt):
+        model.learn(25, callback=[*every, checkpoint, ActAt(23, "keyboard")])
     assert found[0].count == 23
     saved = Checkpoint.read(tmp_path)
     assert saved.num_timesteps == 20
@@ -191,38 +186,20 @@ def test_the_states_of_callbacks_at_the_checkpoints_step_are_saved_and_each_gets
     assert [callback.count for callback in others] == [20, 2000, 40, 20_000]
 
 
-class KilledAt(BaseCallback):
-    def __init__(self, step):
-        super().__init__()
-        self.step = step
-
-    def _on_step(self):
-        if self.num_timesteps == self.step:
-            raise Killed
-        return True
-
-
-def test_callbacks_that_were_not_there_begin_anew_and_states_of_others_are_left(tmp_path):
+@pytest.mark.parametrize("has_states", [True, False], ids=["", "of before there were states"])
+def test_callbacks_that_were_not_there_begin_anew_and_states_of_others_are_left(
+    tmp_path, has_states
+):
     first = Counter()
     make_model().learn(5, callback=[first, ResumableCheckpoint(tmp_path, callbacks=[first])])
+    content = json.loads((tmp_path / "checkpoint.json").read_text())
+    if not has_states:
+        del content["callbacks"]
+        (tmp_path / "checkpoint.json").write_text(json.dumps(content))
     again = [OtherCounter(), Counter(), Counter()]
     Checkpoint.read(tmp_path).restore_callbacks(again)
-    assert [callback.count for callback in again] == [0, 5, 0]
+    assert [callback.count for callback in again] == [0, 5 * has_states, 0]
     Checkpoint.read(tmp_path).restore_callbacks([])
-
-
-def test_a_checkpoint_of_before_there_were_states_can_be_read(tmp_path):
-    first = Counter()
-    make_model().learn(5, callback=[first, ResumableCheckpoint(tmp_path, callbacks=[first])])
-    path = tmp_path / "checkpoint.json"
-    content = json.loads(path.read_text())
-    del content["callbacks"]
-    path.write_text(json.dumps(content))
-    saved = Checkpoint.read(tmp_path)
-    assert saved.callbacks == {}
-    again = Counter()
-    saved.restore_callbacks([again])
-    assert again.count == 0
 
 
 def test_a_state_that_its_callback_refuses_is_named(tmp_path):

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scripted import log_lines, on_pieces, series, tiny_td3
-from stable_baselines3 import PPO
+from acting import ActAt
+from scripted import log_lines, on_pieces, series, tiny, tiny_ppo
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -44,39 +44,22 @@ class Drawn(BaseCallback):
         return True
 
 
-class Ended(BaseCallback):
-    """End the training after its first step."""
-
-    def _on_step(self):
-        return False
-
-
 def drawn(venv, steps, **settings):
     """Return which pieces each environment draws in each band."""
     curriculum = DifficultyCallback(**settings)
     seen = Drawn()
-    tiny_td3(venv).learn(steps, callback=[curriculum, seen])
+    tiny(venv).learn(steps, callback=[curriculum, seen])
     venv.close()
     return seen.found
 
 
-def test_the_bands_are_those_of_the_ranks():
-    curriculum = DifficultyCallback(bands=3)
-    tiny_td3(on_pieces(FIVE)).learn(1, callback=curriculum)
-    expected = {"1 keys": 1, "2 keys": 1, "3 keys": 2, "4 keys": 2, "5 keys": 3}
-    assert curriculum.bands == expected
-    assert list(curriculum.bands) == list(expected)
-
-
+@pytest.mark.parametrize(
+    ("settings", "second"), [({}, {1, 2, 3, 4, 5}), ({"cumulative": False}, {4, 5})]
+)
 @pytest.mark.parametrize("vector", [DummyVecEnv, ThreadVecEnv])
-def test_one_band_is_added_after_the_other_and_then_all_are_equally_likely(vector):
-    found = drawn(on_pieces(FIVE, vector=vector), 600, bands=2, fraction=0.5)
-    assert found == {(0, 1): {1, 2, 3}, (0, 2): {1, 2, 3, 4, 5}, (0, 3): {1, 2, 3, 4, 5}}
-
-
-def test_the_present_band_alone():
-    found = drawn(on_pieces(FIVE), 600, bands=2, fraction=0.5, cumulative=False)
-    assert found == {(0, 1): {1, 2, 3}, (0, 2): {4, 5}, (0, 3): {1, 2, 3, 4, 5}}
+def test_one_band_comes_after_the_other_and_then_all_are_equally_likely(vector, settings, second):
+    found = drawn(on_pieces(FIVE, vector=vector), 600, bands=2, fraction=0.5, **settings)
+    assert found == {(0, 1): {1, 2, 3}, (0, 2): second, (0, 3): {1, 2, 3, 4, 5}}
 
 
 def test_an_environment_without_a_piece_of_the_band_plays_its_nearest():
@@ -100,28 +83,27 @@ def test_environments_in_processes():
 
 
 def test_the_band_is_logged_by_the_step_and_goes_on_with_a_training(tmp_path):
-    model = tiny_td3(on_pieces(FIVE))
-    settings = {"bands": 4, "fraction": 0.8}
-    lines = log_lines(tmp_path, model, 100, DifficultyCallback(**settings), log_interval=1)
-    bands = series(lines, "curriculum/band")
-    assert set(bands.values()) == {1, 2, 3, 4, 5}
-    # of 80 steps a band has 20: the 20th begins the second
-    assert all(band == min(step // 20, 4) + 1 for step, band in bands.items())
-    model = tiny_td3(on_pieces(FIVE))
-    model.learn(50, callback=DifficultyCallback(**settings))
-    again = DifficultyCallback(**settings)
-    # of 100 steps in all
-    lines = log_lines(tmp_path, model, 50, again, log_interval=1, reset_num_timesteps=False)
-    bands = series(lines, "curriculum/band")
-    assert min(bands) > 50
-    assert all(band == min(step // 20, 4) + 1 for step, band in bands.items())
+    def bands(model, steps, **options):
+        curriculum = DifficultyCallback(bands=4, fraction=0.8)
+        found = series(
+            log_lines(tmp_path, model, steps, curriculum, log_interval=1, **options),
+            "curriculum/band",
+        )
+        # of 80 steps a band has 20: the 20th begins the second
+        assert all(band == min(step // 20, 4) + 1 for step, band in found.items())
+        return found
+
+    assert set(bands(tiny(on_pieces(FIVE)), 100).values()) == {1, 2, 3, 4, 5}
+    model = tiny(on_pieces(FIVE))
+    model.learn(50, callback=DifficultyCallback(bands=4, fraction=0.8))
+    assert min(bands(model, 50, reset_num_timesteps=False)) > 50  # of 100 steps in all
 
 
 def test_a_second_training_sets_the_weights_of_its_own_environments():
     curriculum = DifficultyCallback(bands=5)
     for _ in range(2):
         venv = on_pieces(FIVE)
-        tiny_td3(venv).learn(100, callback=[curriculum, Ended()])
+        tiny(venv).learn(100, callback=[curriculum, ActAt(1, "stop")])
         assert venv.envs[0]._probabilities.tolist() == [0, 1, 0, 0, 0]
 
 
@@ -136,29 +118,28 @@ def test_each_piece_is_read_once():
     def maker():
         return Counting(PianoEnv(FIVE[0], physics="fast", n_steps_lookahead=0), FIVE)
 
-    tiny_td3(DummyVecEnv([maker, maker])).learn(2, callback=DifficultyCallback())
+    tiny(DummyVecEnv([maker, maker])).learn(2, callback=DifficultyCallback())
     assert Counting.read == [score.title for score in FIVE]
 
 
 def test_an_on_policy_algorithm_needs_no_more():
-    settings = {"n_steps": 50, "batch_size": 50, "policy_kwargs": {"net_arch": [8]}}
     curriculum = DifficultyCallback(bands=5, fraction=1.0)
     seen = Drawn()
-    model = PPO("MlpPolicy", on_pieces(FIVE), device="cpu", seed=3, **settings)
+    model = tiny_ppo(on_pieces(FIVE), 50, n_epochs=10, seed=3)
     model.learn(100, callback=[curriculum, seen])
     assert seen.found[0, 1] == {1}
     assert seen.found[0, 2] <= {1, 2}
 
 
-def test_the_ranks_are_those_of_the_command():
-    names = ["debug-TwinkleTwinkleLittleStar", "scale-CMajor", "repertoire-OdeToJoy"]
+def test_the_bands_are_those_of_the_ranks_of_the_command():
+    names = ["debug-TwinkleTwinkleLittleStar", "scale-CMajor", "repertoire-OdeToJoy", "hanon-01"]
     curriculum = DifficultyCallback(bands=3)
-    tiny_td3(on_pieces(names)).learn(1, callback=curriculum)
+    tiny(on_pieces(names)).learn(1, callback=curriculum)
     expected = list(rank({name: features(load_score(name)) for name in names}))
-    assert list(curriculum.bands) == expected
+    assert list(curriculum.bands.items()) == list(zip(expected, (1, 1, 2, 3), strict=True))
 
 
 def test_more_bands_than_pieces_are_refused():
     message = "bands is 6, but the environments choose among 5 pieces: expected at most as many"
     with pytest.raises(ConfigError, match=message):
-        tiny_td3(on_pieces(FIVE)).learn(1, callback=DifficultyCallback(bands=6))
+        tiny(on_pieces(FIVE)).learn(1, callback=DifficultyCallback(bands=6))

@@ -2,10 +2,8 @@
 
 import math
 
-import gymnasium as gym
 import pytest
-from scripted import ScriptedEnv, log_lines, tiny_td3, vector_of
-from stable_baselines3 import PPO
+from scripted import ScriptedEnv, log_lines, tiny, tiny_ppo, vector_of
 
 from sb3_piano.callbacks import EpisodeMetricsCallback, RewardTermsCallback
 
@@ -24,12 +22,11 @@ def logged(folder, model, steps, callbacks=BOTH, log_interval=1):
 
 
 def off_policy(n_envs=1, **extra):
-    return tiny_td3(vector_of(lambda: scripted(**extra), n_envs=n_envs))
+    return tiny(vector_of(lambda: scripted(**extra), n_envs=n_envs))
 
 
 def on_policy(n_steps):
-    kwargs = {"n_steps": n_steps, "batch_size": n_steps, "n_epochs": 1, "device": "cpu"}
-    return PPO("MlpPolicy", scripted(), **kwargs)
+    return tiny_ppo(scripted(), n_steps)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +51,7 @@ def test_a_line_has_the_mean_of_the_episodes_since_the_last_line(
 
 def test_the_fingers_have_a_group_of_their_own(tmp_path):
     infos = [{"finger_share_r1": 0.25, "finger_share_l5": 0.75, "effective_fingers": 1.8}]
-    lines = logged(tmp_path, tiny_td3(ScriptedEnv(infos)), 5)
+    lines = logged(tmp_path, tiny(ScriptedEnv(infos)), 5)
     expected = {"fingers/r1": 0.25, "fingers/l5": 0.75, "music/effective_fingers": 1.8}
     assert {name: lines[5][name] for name in expected} == expected
 
@@ -82,10 +79,5 @@ def test_what_is_no_finite_number_is_not_logged(tmp_path, value):
 
 def test_an_episode_without_a_number_does_not_count_in_the_mean(tmp_path):
     infos = [{"recall": 0.25}, {"recall": math.nan}, {"recall": 0.75}, {}]
-    lines = logged(tmp_path, tiny_td3(ScriptedEnv(infos)), 20, log_interval=4)
+    lines = logged(tmp_path, tiny(ScriptedEnv(infos)), 20, log_interval=4)
     assert lines[20]["music/recall"] == 0.5
-
-
-def test_other_environments_log_nothing(tmp_path):
-    lines = logged(tmp_path, tiny_td3(gym.make("Pendulum-v1", max_episode_steps=10)), 20)
-    assert not [name for name in lines[20] if name.startswith(("music/", "reward/", "fingers/"))]

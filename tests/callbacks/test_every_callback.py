@@ -1,8 +1,9 @@
 """What holds for each callback: settings that make no sense are refused by name and value."""
 
 import pytest
-from scripted import on_pieces, tiny_td3
+from scripted import on_pieces, tiny
 from short_scores import score_of
+from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.callbacks import (
@@ -55,4 +56,17 @@ def test_a_choice_is_needed_to_choose_pieces(callback):
     message = f"{callback.__name__} finds no environment that chooses among several pieces: exp"
     for venv in (on_pieces([piece]), without):
         with pytest.raises(ConfigError, match=message):
-            tiny_td3(venv).learn(8, callback=callback())
+            tiny(venv).learn(8, callback=callback())
+
+
+@pytest.mark.parametrize(
+    ("callback", "algorithm", "message"),
+    [
+        (QValueCallback, PPO, "PPO has no Q-values to log: expected SAC, TD3"),
+        (LevelReplayCallback, DQN, "DQN has no values .* expected PPO, SAC, TD3"),
+    ],
+)
+def test_an_algorithm_without_values_is_refused(callback, algorithm, message):
+    model = algorithm("MlpPolicy", "CartPole-v1", device="cpu")
+    with pytest.raises(ConfigError, match=message):
+        model.learn(32, callback=callback())

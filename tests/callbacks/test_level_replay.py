@@ -1,22 +1,22 @@
 """Level replay in real trainings: scores, draws, checkpoints."""
 
 import itertools
-import signal
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from acting import ActAt
+from episodes import as_dict
 from sb3_contrib import TQC, CrossQ
-from scripted import as_dict, log_lines, on_pieces, series
-from stable_baselines3 import DDPG, DQN, PPO, SAC, TD3
+from scripted import log_lines, on_pieces, series, tiny, tiny_ppo
+from stable_baselines3 import DDPG, SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.callbacks import Checkpoint, LevelReplayCallback
 from sb3_piano.callbacks.level_replay import advantages
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.training import RunConfig, resume, train
 from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
@@ -41,18 +41,8 @@ def piano(pieces=THREE, **options):
 
 def model_of(venv, algorithm=SAC, **kwargs):
     """Return an off-policy model that only collects, unless told to learn."""
-    settings = {
-        "learning_starts": 10**6,
-        "buffer_size": 1000,
-        "batch_size": 8,
-        "policy_kwargs": {"net_arch": [8]},
-        "device": "cpu",
-        "seed": 3,
-        "gamma": 0.8,
-        **kwargs,
-    }
-    policy = "MultiInputPolicy" if isinstance(venv.observation_space, gym.spaces.Dict) else None
-    return algorithm(policy or "MlpPolicy", venv, **settings)
+    settings = {"batch_size": 8, "policy_kwargs": {"net_arch": [8]}, "seed": 3, "gamma": 0.8}
+    return tiny(venv, algorithm, **{**settings, **kwargs})
 
 
 class Played(BaseCallback):
@@ -99,7 +89,7 @@ def summed(rewards, values, gamma, decay):
     return [sum((gamma * decay) ** (k - t) * delta[k] for k in steps[t:]) for t in steps]
 
 
-def row_of(observations, index):
+def rows_at(observations, index):
     if isinstance(observations, dict):
         return {name: rows[index] for name, rows in observations.items()}
     return observations[index]
@@ -133,8 +123,8 @@ def scores_of_rows(model, scores, agents=1, decay=0.95):
             if normalization is not None:
                 rewards = normalization.normalize_reward(rewards)
             at = (rows, agent)
-            values = q_values(model, row_of(buffer.observations, at))
-            following = q_values(model, row_of(buffer.next_observations, at))[-1]
+            values = q_values(model, rows_at(buffer.observations, at))
+            following = q_values(model, rows_at(buffer.next_observations, at))[-1]
             ends = buffer.dones[last - 1, agent] * (1 - buffer.timeouts[last - 1, agent])
             values = [*values, (1 - ends) * following]
             surprises.append(np.abs(summed(rewards, values, model.gamma, decay)).mean())
@@ -167,15 +157,18 @@ class TestScores:
         assert_scores_of_rows(model, callback, decay=decay)
         assert model.replay_buffer.timeouts.any()
 
-    def test_no_value_follows_an_episode_that_was_not_cut_off(self):
-        callback = Scores()
+    @pytest.mark.parametrize("kind", ["mappings", "ended by a wrong key"])
+    def test_they_are_so_of_mappings_and_of_episodes_that_were_not_cut_off(self, kind):
         # the fingers fall on wrong keys soon
         long = [piece("a", 40), piece("b", 50)]
-        model = model_of(on_pieces(long, wrong_press_termination=True))
-        model.learn(200, callback=callback)
+        venv, steps = on_pieces(long, wrong_press_termination=True), 200
+        if kind == "mappings":
+            venv, steps = DummyVecEnv([lambda: as_dict(piano())]), 60
+        callback, model = Scores(), model_of(venv)
+        model.learn(steps, callback=callback)
         assert_scores_of_rows(model, callback)
         ended = model.replay_buffer.dones.astype(bool)
-        assert (model.replay_buffer.timeouts[ended] == 0).any()
+        assert (model.replay_buffer.timeouts[ended] == 0).any() == (kind != "mappings")
 
     def test_under_vec_normalize_all_is_normalised(self):
         venv = VecNormalize(on_pieces(THREE))
@@ -186,12 +179,6 @@ class TestScores:
         venv.training = False
         callback = Scores()
         model = model_of(venv)
-        model.learn(60, callback=callback)
-        assert_scores_of_rows(model, callback)
-
-    def test_observations_may_be_mappings(self):
-        callback = Scores()
-        model = model_of(DummyVecEnv([lambda: as_dict(piano())]))
         model.learn(60, callback=callback)
         assert_scores_of_rows(model, callback)
 
@@ -224,15 +211,7 @@ class TestScores:
                 self.found = [np.abs(buffer.advantages[i:j, 0]).mean() for i, j in bounds]
 
         callback, of_sb3 = Scores(), Advantages()
-        model = PPO(
-            "MlpPolicy",
-            on_pieces(THREE),
-            n_steps=64,
-            batch_size=64,
-            policy_kwargs={"net_arch": [8]},
-            device="cpu",
-            seed=3,
-        )
+        model = tiny_ppo(on_pieces(THREE), 64, n_epochs=10, seed=3)
         model.learn(64, callback=[callback, of_sb3])
         given = [score for *_, score in callback.scores]
         assert len(given) >= 6
@@ -362,19 +341,6 @@ def test_scores_and_coverage_are_logged(tmp_path):
     assert last["level_replay/top_probability"] == pytest.approx(max(likely.values()), abs=1e-4)
 
 
-class Interrupted(BaseCallback):
-    """Stop a run as Ctrl-C does."""
-
-    def __init__(self, step):
-        super().__init__()
-        self.step = step
-
-    def _on_step(self):
-        if self.num_timesteps == self.step:
-            signal.raise_signal(signal.SIGINT)
-        return True
-
-
 @pytest.fixture
 def config(tmp_path):
     """Settings of a tiny SAC with level replay on three files."""
@@ -407,12 +373,12 @@ def saved_state(run):
 
 
 def test_an_interrupted_run_goes_on_with_its_scores_and_visits(config, tmp_path):
-    result = train(config, tmp_path / "run", progress_bar=False, callbacks=[Interrupted(60)])
+    result = train(config, tmp_path / "run", progress_bar=False, callbacks=[ActAt(60, "SIGINT")])
     assert (result.interrupted, result.num_timesteps) == (True, 60)
     before = saved_state(result.folder)
     assert {name.rpartition("/")[2] for name in before["levels"]} == {"a.mid", "b.mid", "c.mid"}
     assert all(level["score"] is not None for level in before["levels"].values())
-    again = resume(result.folder.path, progress_bar=False, callbacks=[Interrupted(62)])
+    again = resume(result.folder.path, progress_bar=False, callbacks=[ActAt(62, "SIGINT")])
     assert again.num_timesteps == 62
     # a new episode of one piece has begun, and none has ended
     after = saved_state(result.folder)
@@ -425,10 +391,3 @@ def test_an_interrupted_run_goes_on_with_its_scores_and_visits(config, tmp_path)
     done = resume(result.folder.path, progress_bar=False)
     assert done.num_timesteps == 120
     assert saved_state(result.folder)["samples"] > after["samples"]
-
-
-class TestErrors:
-    def test_an_algorithm_without_values_is_refused(self):
-        model = DQN("MlpPolicy", "CartPole-v1", buffer_size=100, device="cpu")
-        with pytest.raises(ConfigError, match="DQN has no values .* expected PPO, SAC, TD3"):
-            model.learn(8, callback=LevelReplayCallback())

@@ -5,8 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from acting import ActAt
 from gymnasium.wrappers import TimeLimit
-from scripted import NoisyEnv, ScriptedEnv, log_lines, series, tiny_td3, vector_of, with_f1
+from scripted import NoisyEnv, ScriptedEnv, log_lines, series, tiny, vector_of, with_f1
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.monitor import Monitor
@@ -17,21 +18,20 @@ from sb3_piano.exceptions import ConfigError, RunError
 
 
 class Note(BaseCallback):
-    """Note down the step and what the parent says; perhaps end the training."""
+    """Note down the step and what the parent says."""
 
-    def __init__(self, goes_on=True):
+    def __init__(self):
         super().__init__()
-        self.goes_on = goes_on
         self.seen = []
 
     def _on_step(self):
         self.seen.append((self.num_timesteps, self.parent.best_mean_reward))
-        return self.goes_on
+        return True
 
 
 @pytest.fixture
 def model():
-    return tiny_td3(with_f1(0.0))
+    return tiny(with_f1(0.0))
 
 
 def evaluating(*values, **kwargs):
@@ -59,7 +59,7 @@ def test_each_evaluation_logs_the_metrics_beside_what_sb3_logs_at_its_step(model
 
 @pytest.mark.parametrize("n_envs", [1, 3])
 def test_the_frequency_counts_calls_and_the_log_environment_steps(n_envs, tmp_path):
-    model = tiny_td3(vector_of(lambda: with_f1(0.0), n_envs=n_envs))
+    model = tiny(vector_of(lambda: with_f1(0.0), n_envs=n_envs))
     lines = log_lines(tmp_path, model, 12 * n_envs, evaluating(0.1, 0.2))
     assert series(lines, "eval/f1") == pytest.approx({5 * n_envs: 0.1, 10 * n_envs: 0.2})
 
@@ -102,19 +102,7 @@ def test_each_whole_episode_counts_once(model, tmp_path, env):
     assert len(callback.evaluations_metrics[1]) == 2
 
 
-def test_the_evaluations_file_gains_the_metrics(model, tmp_path):
-    infos = [{"f1": 0.1, "recall": 0.5}, {"f1": 0.2}, {"f1": 0.3}, {"f1": 0.4}]
-    env = Monitor(ScriptedEnv(infos))
-    model.learn(10, F1Callback(env, n_eval_episodes=2, eval_freq=5, log_path=str(tmp_path)))
-    with np.load(tmp_path / "evaluations.npz") as found:
-        assert set(found) == {"timesteps", "results", "ep_lengths", "f1", "recall"}
-        assert found["timesteps"].tolist() == [5, 10]
-        assert found["f1"].tolist() == [[0.1, 0.2], [0.3, 0.4]]
-        assert found["recall"].tolist()[0][0] == 0.5
-        assert np.isnan(found["recall"]).tolist() == [[False, True], [True, True]]
-
-
-def test_a_training_that_goes_on_goes_on_with_its_evaluations_file(model, tmp_path, caplog):
+def test_the_evaluations_file_has_the_metrics_and_goes_on_with_a_training(model, tmp_path, caplog):
     def callback(*values):
         infos = [{"f1": value} if value < 0.5 else {"f1": value, "recall": 0.5} for value in values]
         env = Monitor(ScriptedEnv(infos))
@@ -124,11 +112,15 @@ def test_a_training_that_goes_on_goes_on_with_its_evaluations_file(model, tmp_pa
         with np.load(tmp_path / "evaluations.npz") as found:
             return {name: found[name].tolist() for name in found.files}
 
-    model.learn(10, callback(0.1, 0.2, 0.3, 0.4))
+    model.learn(10, callback(0.1, 0.6, 0.3, 0.4))
+    assert set(written()) == {"timesteps", "results", "ep_lengths", "f1", "recall"}
+    assert written()["timesteps"] == [5, 10]
+    assert written()["f1"] == [[0.1, 0.6], [0.3, 0.4]]
+    assert np.isnan(written()["recall"]).tolist() == [[True, False], [True, True]]
     model.num_timesteps = 7  # the last checkpoint was before the second evaluation
     model.learn(5, callback(0.6, 0.7), reset_num_timesteps=False)
     assert written()["timesteps"] == [5, 12]
-    assert written()["f1"] == [[0.1, 0.2], [0.6, 0.7]]
+    assert written()["f1"] == [[0.1, 0.6], [0.6, 0.7]]
     assert written()["recall"][1] == [0.5, 0.5]
     (tmp_path / "evaluations.npz").write_bytes(b"damaged")
     model.learn(5, callback(0.8), reset_num_timesteps=False)
@@ -186,7 +178,7 @@ def test_each_callback_judges_by_its_own_metric(model, tmp_path, cls, value, ste
 
 def test_the_statistics_of_the_normalisation_stand_beside_the_best_model(tmp_path):
     venv = VecNormalize(vector_of(NoisyEnv))
-    model = tiny_td3(venv)
+    model = tiny(venv)
     model.learn(12, F1Callback(eval_freq=5, best_model_save_path=str(tmp_path)))
     saved = VecNormalize.load(str(tmp_path / "vecnormalize.pkl"), vector_of(NoisyEnv))
     # one observation of the reset and one of each step so far; SB3 begins with a weight of 1e-4
@@ -255,7 +247,7 @@ def test_children_see_the_metric_as_the_parents_best(model):
 
 @pytest.mark.parametrize("event", ["callback_on_new_best", "callback_after_eval"])
 def test_a_child_that_returns_false_ends_the_training(model, event):
-    model.learn(15, evaluating(0.2, **{event: Note(goes_on=False)}))
+    model.learn(15, evaluating(0.2, **{event: ActAt(5, "stop")}))
     assert model.num_timesteps == 5
 
 
@@ -304,7 +296,7 @@ def test_a_given_environment_is_left_open_and_its_own_is_closed(model):
     callback = F1Callback(eval_freq=5, callback_after_eval=spy)
     for _ in range(2):  # a second training makes a second one
         training = with_f1(0.1)
-        tiny_td3(training).learn(5, callback)
+        tiny(training).learn(5, callback)
         assert spy.env is not training
         assert (spy.env.ended, spy.env.closed) == (1, True)
     callback.on_training_end()  # RL Zoo does so twice
@@ -313,7 +305,7 @@ def test_a_given_environment_is_left_open_and_its_own_is_closed(model):
 
 def test_an_environment_without_the_metric_is_named(model):
     with pytest.raises(ConfigError, match="'f1', which the info of 'Pendulum-v1' lacks"):
-        tiny_td3("Pendulum-v1").learn(300, F1Callback(eval_freq=5))
+        tiny("Pendulum-v1").learn(300, F1Callback(eval_freq=5))
     env = Monitor(ScriptedEnv([{"f2": 0.1}]))
     with pytest.raises(ConfigError, match="info of 'ScriptedEnv' lacks.*mean 'f2'.*Expected a pi"):
         model.learn(5, F1Callback(env, eval_freq=5))

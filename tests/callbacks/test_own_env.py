@@ -8,8 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from scripted import NoisyEnv, tiny_td3, vector_of
-from stable_baselines3 import PPO
+from scripted import NoisyEnv, tiny, tiny_ppo, vector_of, weights_of
 from stable_baselines3.common.callbacks import (
     BaseCallback,
     CallbackList,
@@ -43,7 +42,7 @@ class Innermost(gym.Wrapper):
 
 
 def own_env(venv, innermost=None):
-    return make_own_env(tiny_td3(venv), None, innermost)
+    return make_own_env(tiny(venv), None, innermost)
 
 
 def layers(env):
@@ -53,24 +52,22 @@ def layers(env):
 def learned(make_model, callback):
     model = make_model()
     model.learn(60, callback=callback)
-    weights = torch.cat([p.detach().flatten() for p in model.policy.parameters()])
-    return weights, model.get_env().unwrapped.envs[0].unwrapped.np_random.normal()
+    return weights_of(model), model.get_env().unwrapped.envs[0].unwrapped.np_random.normal()
 
 
 def td3():
-    return tiny_td3(VecNormalize(vector_of(NoisyEnv, seed=1)), learning_starts=10)
+    return tiny(VecNormalize(vector_of(NoisyEnv, seed=1)), learning_starts=10)
 
 
 def td3_in_threads():
-    return tiny_td3(
+    return tiny(
         vector_of(NoisyEnv, n_envs=2, vec_env_cls=ThreadVecEnv, vec_env_kwargs={"n_threads": 1}),
         learning_starts=10,
     )
 
 
 def ppo():
-    kwargs = {"n_steps": 20, "batch_size": 10, "n_epochs": 1, "device": "cpu", "seed": 1}
-    return PPO("MlpPolicy", vector_of(NoisyEnv), **kwargs)
+    return tiny_ppo(vector_of(NoisyEnv), 20, seed=1)
 
 
 @pytest.mark.slow
@@ -87,7 +84,7 @@ def test_training_gives_the_same_model_with_and_without_evaluation(make_model, d
 
 
 def test_the_global_generators_are_given_back_as_they_were():
-    model = tiny_td3(NoisyEnv())
+    model = tiny(NoisyEnv())
 
     def draws():
         return random.random(), np.random.random(), torch.rand(()).item()  # noqa: NPY002
@@ -106,7 +103,7 @@ def test_making_an_environment_draws_no_random_numbers_from_the_training(tmp_pat
         np.random.random()  # noqa: NPY002
         return vector_of(NoisyEnv)
 
-    model = tiny_td3(NoisyEnv())
+    model = tiny(NoisyEnv())
     np.random.seed(3)  # noqa: NPY002
     make_own_env(model, RunContext(folder=tmp_path, make_env=make_env))
     assert np.random.random() == np.random.RandomState(3).random()  # noqa: NPY002
@@ -129,7 +126,7 @@ def test_one_environment_is_copied_with_its_wrappers_and_one_more(vec_env_cls, i
 
 def test_a_copy_normalises_as_the_training_does_now_and_learns_nothing_itself():
     training = VecNormalize(VecMonitor(DummyVecEnv([NoisyEnv])))
-    model = tiny_td3(training)
+    model = tiny(training)
     copied = make_own_env(model, None)
     assert isinstance(copied, VecNormalize)
     assert isinstance(copied.venv, VecMonitor)
@@ -181,12 +178,7 @@ def test_an_environment_that_cannot_be_copied_is_named(tmp_path):
     training.close()
 
 
-def no_env(innermost):
-    raise AssertionError("no environment is needed yet")
-
-
-def context(folder="runs/1"):
-    return RunContext(folder=Path(folder), make_env=no_env)
+RUN = RunContext(folder=Path("runs/1"), make_env=lambda innermost: pytest.fail("not needed yet"))
 
 
 class Asking(BaseCallback):
@@ -207,14 +199,13 @@ def test_every_callback_that_asks_is_told():
         EvalCallback(NoisyEnv(), asking[2], asking[3]),
         F1Callback(callback_on_new_best=CallbackList([asking[4]])),
     ]
-    run = context()
-    hand_over(run, callbacks)
-    assert [callback.run for callback in asking] == [run] * 5
+    hand_over(RUN, callbacks)
+    assert [callback.run for callback in asking] == [RUN] * 5
 
 
 def test_the_best_model_goes_into_the_runs_folder_unless_told_otherwise():
     callbacks = [F1Callback(), OnsetF1Callback(), F1Callback(best_model_save_path="mine")]
-    hand_over(context(), callbacks)
+    hand_over(RUN, callbacks)
     paths = [callback.best_model_save_path for callback in callbacks]
     assert paths == [str(Path("runs/1/best_f1")), str(Path("runs/1/best_onset_f1")), "mine"]
 
@@ -234,7 +225,7 @@ def test_the_environment_is_the_runs_and_closed_at_the_end(tmp_path):
 
     callback = F1Callback(eval_freq=5)
     hand_over(RunContext(folder=tmp_path, make_env=make_env), [callback])
-    tiny_td3(NoisyEnv()).learn(10, callback)
+    tiny(NoisyEnv()).learn(10, callback)
     assert len(callback.evaluations_metrics) == 2
     assert len(made) == 1
     assert closed == made

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import TimeLimit
 from scipy.io import wavfile
-from scripted import tiny_td3, vector_of, with_f1
+from scripted import tiny, tiny_ppo, vector_of, with_f1
 from short_scores import score_of
-from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.callbacks import PerformanceVideoCallback
@@ -49,7 +48,7 @@ class Resting(gym.ActionWrapper):
 @needs_gl
 @pytest.mark.parametrize("n_envs", [1, 2])
 def test_pictures_sound_and_notes_are_named_by_the_environment_steps(n_envs, tmp_path):
-    model = tiny_td3(vector_of(lambda: Louder(piano()), n_envs=n_envs))
+    model = tiny(vector_of(lambda: Louder(piano()), n_envs=n_envs))
     callback = PerformanceVideoCallback(
         4, str(tmp_path), max_seconds=0.15, width=64, height=36, view="top"
     )
@@ -68,7 +67,7 @@ def test_pictures_sound_and_notes_are_named_by_the_environment_steps(n_envs, tmp
 
 @pytest.mark.usefixtures("no_gl")
 def test_a_machine_that_cannot_draw_is_told_of_once_and_gets_sound_and_notes(tmp_path):
-    model = tiny_td3(Louder(piano()))
+    model = tiny(Louder(piano()))
     with pytest.warns(UserWarning, match="only sound and notes: Cannot draw.*none-at-all") as told:
         model.learn(8, PerformanceVideoCallback(4, str(tmp_path)))
     assert len([w for w in told if "no videos" in str(w.message)]) == 1
@@ -79,23 +78,15 @@ def test_a_machine_that_cannot_draw_is_told_of_once_and_gets_sound_and_notes(tmp
 
 @pytest.mark.usefixtures("no_gl")
 @pytest.mark.filterwarnings("ignore:There are no videos")
-def test_a_piece_without_a_pressed_key_has_silence_and_no_notes(tmp_path):
+@pytest.mark.parametrize("most", [STEPS, 3])
+def test_a_rest_has_silence_and_no_notes_and_ends_with_the_piece_or_a_wrapper(tmp_path, most):
     (tmp_path / "step_4.mid").write_text("of a training before")
-    tiny_td3(Resting(piano())).learn(4, PerformanceVideoCallback(4, str(tmp_path)))
+    env = TimeLimit(Resting(piano()), most)
+    tiny(env).learn(4, PerformanceVideoCallback(4, str(tmp_path)))
     assert [path.name for path in tmp_path.iterdir()] == ["step_4.wav"]
     rate, sound = wavfile.read(tmp_path / "step_4.wav")
-    assert len(sound) / rate == pytest.approx((STEPS + 1) * 0.05)  # as long as the pictures
+    assert len(sound) / rate == pytest.approx((most + 1) * 0.05)  # as long as the pictures
     assert not sound.any()
-
-
-@pytest.mark.usefixtures("no_gl")
-@pytest.mark.filterwarnings("ignore:There are no videos")
-def test_an_episode_ends_when_a_wrapper_of_the_training_ends_it(tmp_path):
-    model = tiny_td3(TimeLimit(piano(), 3))
-    model.learn(8, PerformanceVideoCallback(4, str(tmp_path)))
-    for step in (4, 8):
-        rate, sound = wavfile.read(tmp_path / f"step_{step}.wav")
-        assert len(sound) / rate == pytest.approx((3 + 1) * 0.05)
 
 
 @pytest.mark.usefixtures("no_gl")
@@ -104,7 +95,7 @@ def test_each_episode_begins_alike_if_it_is_seeded(tmp_path):
     def notes(seed):
         folder = tmp_path / str(seed)
         env = Louder(piano())
-        tiny_td3(env).learn(8, PerformanceVideoCallback(4, str(folder), seed=seed))
+        tiny(env).learn(8, PerformanceVideoCallback(4, str(folder), seed=seed))
         return [(folder / f"step_{step}.mid").read_bytes() for step in (4, 8)]
 
     seeded, unseeded = notes(0), notes(None)
@@ -126,7 +117,7 @@ def test_a_run_gives_the_folder_and_the_environment(tmp_path):
         PerformanceVideoCallback(4, folder=str(tmp_path / "mine")),
     ]
     hand_over(RunContext(folder=tmp_path, make_env=make_env), callbacks)
-    tiny_td3(piano()).learn(4, callbacks)
+    tiny(piano()).learn(4, callbacks)
     assert (tmp_path / "videos" / "step_4.wav").is_file()
     assert (tmp_path / "mine" / "step_4.wav").is_file()
     assert len(made) == 2
@@ -134,12 +125,12 @@ def test_a_run_gives_the_folder_and_the_environment(tmp_path):
 
 def test_without_a_run_a_folder_is_needed():
     with pytest.raises(ConfigError, match="no folder to write into: expected folder='...'"):
-        tiny_td3(piano()).learn(4, PerformanceVideoCallback(4))
+        tiny(piano()).learn(4, PerformanceVideoCallback(4))
 
 
 def test_only_pianos_are_filmed(tmp_path):
     with pytest.raises(ConfigError, match="to record in 'ScriptedEnv': expected a piano"):
-        tiny_td3(with_f1(0.1)).learn(4, PerformanceVideoCallback(4, str(tmp_path / "new")))
+        tiny(with_f1(0.1)).learn(4, PerformanceVideoCallback(4, str(tmp_path / "new")))
     assert not (tmp_path / "new").exists()
 
 
@@ -159,8 +150,7 @@ def shaken_piano():
 @pytest.fixture
 def model():
     venv = VecNormalize(vector_of(shaken_piano), clip_obs=0.5)
-    kwargs = {"n_steps": 10, "batch_size": 10, "n_epochs": 1, "device": "cpu", "seed": 1}
-    return PPO("MlpPolicy", venv, **kwargs)
+    return tiny_ppo(venv, 10, seed=1)
 
 
 def positions_by_another_road(model, seed, steps):

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 import torch
 from sb3_contrib import TQC, CrossQ
-from stable_baselines3 import PPO, SAC, TD3
+from scripted import tiny, weights_of
+from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_piano.buffers import CyclingReplayBuffer
 from sb3_piano.callbacks import QValueCallback
-from sb3_piano.exceptions import ConfigError
-
-torch.set_num_threads(1)
 
 
 class LastLogged(BaseCallback):
@@ -29,16 +27,8 @@ class LastLogged(BaseCallback):
 
 
 def trained(algorithm, callbacks, steps=90, env="Pendulum-v1", **settings):
-    model = algorithm(
-        "MlpPolicy",
-        env,
-        learning_starts=40,
-        policy_kwargs={"net_arch": [16]},
-        batch_size=32,
-        seed=3,
-        device="cpu",
-        **settings,
-    )
+    settings = {"learning_starts": 40, "batch_size": 32, "seed": 3, **settings}
+    model = tiny(env, algorithm, buffer_size=10**4, **settings)
     return model.learn(steps, callback=callbacks, log_interval=10**6)
 
 
@@ -49,18 +39,7 @@ def test_the_value_is_logged_and_the_training_is_the_same(algorithm):
     assert len(set(seen.values)) == 2  # after 60 and 80 steps; after 20 and 40 nothing is learnt
     assert np.isfinite(seen.values).all()
     plain = trained(algorithm, None)
-    for one, other in zip(model.policy.parameters(), plain.policy.parameters(), strict=True):
-        torch.testing.assert_close(one, other, rtol=0, atol=0)
-
-
-def test_updates_go_round_the_environments_as_without_it():
-    def weights(callbacks):
-        venv = make_vec_env("Pendulum-v1", n_envs=2, seed=0)
-        model = trained(SAC, callbacks, 100, venv, replay_buffer_class=CyclingReplayBuffer)
-        return torch.cat([one.detach().flatten() for one in model.policy.parameters()])
-
-    callback = QValueCallback(every=45)  # once, with updates before and after it
-    torch.testing.assert_close(weights([callback]), weights(None), rtol=0, atol=0)
+    torch.testing.assert_close(weights_of(model), weights_of(plain), rtol=0, atol=0)
 
 
 def test_a_model_that_is_loaded_goes_on_as_without_it(tmp_path):
@@ -75,7 +54,7 @@ def test_a_model_that_is_loaded_goes_on_as_without_it(tmp_path):
         vars(loaded.replay_buffer).update(rows)
         loaded.set_random_seed(5)
         loaded.learn(20, callback=callbacks, reset_num_timesteps=False)
-        return torch.cat([one.detach().flatten() for one in loaded.policy.parameters()])
+        return weights_of(loaded)
 
     torch.testing.assert_close(weights([QValueCallback(every=1)]), weights(None), rtol=0, atol=0)
 
@@ -90,9 +69,3 @@ def test_the_value_is_that_of_the_smaller_critic_at_the_actions_taken():
     seen.values.clear()
     model.learn(2, callback=[QValueCallback(every=1), seen], reset_num_timesteps=False)
     assert seen.values[0] == pytest.approx(-7.0)
-
-
-def test_an_algorithm_without_critics_is_refused():
-    model = PPO("MlpPolicy", "Pendulum-v1", n_steps=32, device="cpu")
-    with pytest.raises(ConfigError, match="PPO has no Q-values to log: expected SAC, TD3"):
-        model.learn(32, callback=QValueCallback())

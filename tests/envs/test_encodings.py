@@ -1,15 +1,15 @@
 """The observations by name: the window says what the roll says, the fingers where to go."""
 
+import itertools
 import pickle
 
 import numpy as np
 import pytest
+from episodes import assert_checks_pass, at_random, steps_of
 from gymnasium import spaces
-from gymnasium.utils.env_checker import check_env
 from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import score_of
-from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import ObservationSpace, PianoEnv
@@ -36,21 +36,16 @@ TINY = score_of(
         ("hands", {"right_busy", "left_busy"}),
     ],
 )
-@pytest.mark.filterwarnings("ignore:.*render")
 def test_every_observation_passes_both_env_checkers_and_stays_in_its_space(
     observation, binary, options
 ):
     env = PianoEnv("CMajorScaleTwoHands", observation=observation, **options)
-    check_env(env, skip_render_check=True)
-    sb3_check_env(env, warn=True)
-    env.action_space.seed(0)
-    env.reset(seed=0)
-    for _ in range(60):
-        seen, *_ = env.step(env.action_space.sample())
-        assert env.observation_space.contains(seen)
-        for block in env.observation_layout.values():
-            assert not block.binary or np.isin(seen[block.slice], (0.0, 1.0)).all()
+    assert_checks_pass(env)
     layout = env.observation_layout.values()
+    for seen, *_ in itertools.islice(steps_of(env, at_random(env)), 60):
+        assert env.observation_space.contains(seen)
+        for block in layout:
+            assert not block.binary or np.isin(seen[block.slice], (0.0, 1.0)).all()
     assert {block.name for block in layout if block.binary} == binary
 
 
@@ -60,11 +55,9 @@ def test_every_observation_passes_both_env_checkers_and_stays_in_its_space(
 def test_a_window_ends_with_the_keyboard_and_is_all_of_it_for_silence():
     octave = PianoEnv("CMajorScaleOneHand").roll
     assert KeyWindow.of(octave, 3) == KeyWindow(48, 66)  # C5 to C6 and three on either side
-    lowest = Score(notes=[Note(onset=0.0, offset=0.1, pitch=22, finger=9)])
-    assert KeyWindow.of(PianoRoll.from_score(lowest, 0.05), 3) == KeyWindow(0, 4)
-    highest = Score(notes=[Note(onset=0.0, offset=0.1, pitch=108, finger=4)])
-    assert KeyWindow.of(PianoRoll.from_score(highest, 0.05), 3) == KeyWindow(84, 87)
-    steps = PianoRoll.from_score(highest, 0.05)
+    for pitch, window in ((22, KeyWindow(0, 4)), (108, KeyWindow(84, 87))):
+        steps = PianoRoll.from_score(score_of((0.0, 0.1, pitch, 9)), 0.05)
+        assert KeyWindow.of(steps, 3) == window
     silence = PianoRoll(
         control_timestep=0.05,
         active=np.zeros_like(steps.active),
@@ -169,10 +162,18 @@ def test_wrong_keys_are_counted_up_to_ten():
         assert observation[env.observation_layout["wrong_keys"].slice].tolist() == [shown]
 
 
-def test_fingers_without_labels_are_refused_by_pitch_and_step():
+@pytest.mark.parametrize(
+    ("observation", "message"),
+    [
+        ("fingers", r"pitch 60 at control step 0 has no finger label.*window"),
+        ("hands", "observation 'hands' expects one for every note"),
+    ],
+)
+def test_pieces_without_fingers_are_refused_unless_fingers_are_found(observation, message):
     unlabelled = Score(notes=[Note(onset=0.0, offset=0.1, pitch=60)])
-    with pytest.raises(ScoreError, match=r"pitch 60 at control step 0 has no finger label.*window"):
-        PianoEnv(unlabelled, observation="fingers")
+    with pytest.raises(ScoreError, match=message):
+        PianoEnv(unlabelled, observation=observation)
+    PianoEnv(unlabelled, observation=observation, fingering="robot").reset()
 
 
 # The space that knows its layout.

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from episodes import steps_of
 from scipy.stats import ks_2samp
 
 from sb3_piano.envs import PianoEnv
@@ -12,23 +13,14 @@ pytestmark = pytest.mark.slow
 F1_EACH, F1_MEAN, RETURN_SHARE = 0.03, 0.015, 0.01
 
 
-def replay(recording, **options):
-    """Play recorded actions open loop; return F1 and return."""
-    env = PianoEnv(recording.piece, **recording.options, **options)
-    env.reset(seed=0)
-    total = 0.0
-    for action in recording["action"]:
-        _, reward, _, truncated, info = env.step(action)
-        total += reward
-    assert truncated
-    return info["f1"], total
-
-
 def test_recorded_playing_keeps_its_f1_and_its_return_on_the_fast_physics(performances, tell):
     lines, f1_changes = [], []
     for recording in performances:
         recorded_f1, recorded_return = float(recording["f1"]), recording["reward"].sum()
-        f1, total = replay(recording, physics="fast")
+        rewards, info = recording.replay(
+            PianoEnv(recording.piece, **recording.options, physics="fast")
+        )
+        f1, total = info["f1"], sum(rewards)
         f1_changes.append(f1 - recorded_f1)
         return_change = total / recorded_return - 1
         lines.append(
@@ -45,16 +37,15 @@ def test_recorded_playing_keeps_its_f1_and_its_return_on_the_fast_physics(perfor
 
 def random_terms(physics, seeds):
     """Return the reward terms of each step of random episodes, (steps, terms)."""
-    env = PianoEnv("CMajorScaleTwoHands", physics=physics)
-    rows = []
+    env, rows = PianoEnv("CMajorScaleTwoHands", physics=physics), []
     for seed in seeds:
-        rng = np.random.default_rng(seed)
-        env.reset(seed=seed)
-        action, truncated = np.zeros(env.action_space.shape), False
-        while not truncated:
-            action = np.clip(0.9 * action + 0.3 * rng.normal(size=action.size), -1, 1)
-            *_, truncated, info = env.step(action)
-            rows.append(list(info["reward_terms"].values()))
+        random, action = np.random.default_rng(seed), np.zeros(env.action_space.shape)
+
+        def wander(_, random=random, action=action):
+            action[:] = np.clip(0.9 * action + 0.3 * random.normal(size=action.size), -1, 1)
+            return action
+
+        rows += [list(info["reward_terms"].values()) for *_, info in steps_of(env, wander, seed)]
     return np.array(rows)
 
 

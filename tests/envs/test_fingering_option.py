@@ -21,13 +21,6 @@ def fingers(env):
     return [note.finger for note in env.unwrapped.score.notes]
 
 
-def test_by_default_a_score_keeps_the_labels_that_it_has():
-    env = PianoEnv(PLAIN)
-    env.reset(seed=0)
-    assert fingers(env) == [-1] * 5
-    assert env.score is PLAIN
-
-
 def test_ergonomic_labels_are_those_of_the_search_and_reach_roll_and_reward():
     env = PianoEnv(PLAIN, fingering="ergonomic", observation="fingers")
     env.reset(seed=0)
@@ -139,20 +132,17 @@ def test_another_way_of_fingering_is_refused(fingering):
         PianoEnv(PLAIN, fingering=fingering)
 
 
-def test_options_of_a_study_are_options_of_its_environment():
-    whole = gym.make("RoboPianist-scale-DMajor-v0").unwrapped.default_score
-    env = gym.make("RoboPianist-scale-DMajor-v0", tempo=160, hands="left", repeats=2)
-    score = env.unwrapped.default_score
-    assert score == BUILT_IN["scale-DMajor"].score(tempo=160, hands="left", repeats=2)
-    assert len(score.notes) == len(whole.notes)
-    assert {note.hand for note in score.notes} == {"left"}
-
-
-def test_the_environments_of_a_vector_have_them_too():
-    envs = PianoVectorEnv(2, "scale-DMajor", hands="right")
-    assert {note.hand for note in envs.envs[1].default_score.notes} == {"right"}
-    made = gym.make_vec("RoboPianist-scale-DMajor-v0", num_envs=2, hands="right")
-    assert made.envs[0].default_score == envs.envs[0].default_score
+def test_options_of_a_study_are_options_of_its_environment_also_in_a_vector():
+    options = {"tempo": 160, "hands": "left", "repeats": 2}
+    expected = BUILT_IN["scale-DMajor"].score(**options)
+    assert {note.hand for note in expected.notes} == {"left"}
+    name = "RoboPianist-scale-DMajor-v0"
+    assert gym.make(name, **options).unwrapped.default_score == expected
+    for envs in (
+        gym.make_vec(name, num_envs=2, **options),
+        PianoVectorEnv(2, "scale-DMajor", **options),
+    ):
+        assert envs.envs[1].default_score == expected
 
 
 def test_a_piece_without_options_refuses_them_as_any_unknown_option():

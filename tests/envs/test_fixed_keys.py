@@ -1,10 +1,8 @@
 """Keys that do not move: everything else is as it was, and faster."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
+from episodes import at_random, steps_of
 from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
@@ -81,11 +79,8 @@ def test_rigid_keys_neither_move_nor_sound_and_the_others_do():
     env, pushed = fixed_env(), np.zeros(NUM_KEYS, dtype=bool)
     env.reset(seed=0)
     at_rest = env.data.geom_xpos[env.scene.key_geom].copy()
-    rng = np.random.default_rng(0)
-    truncated = False
-    while not truncated:
-        push_all_keys(env)
-        observation, _, _, truncated, info = env.step(rng.uniform(-1, 1, env.action_space.shape))
+    wander = at_random(env)
+    for observation, *_, info in steps_of(env, lambda _: push_all_keys(env) or wander(_)):  # noqa: B007
         pushed |= env.key_active
         moved = np.abs(env.data.geom_xpos[env.scene.key_geom] - at_rest).max(axis=1)
         assert not moved[RIGID].any()
@@ -110,13 +105,7 @@ def test_recorded_playing_is_the_same_music_where_only_the_keys_of_the_piece_mov
         few = fixed_env(
             int(used[0]), int(used[-1]), recording.piece, physics=physics, **recording.options
         )
-        scores = []
-        for env in (all_move, few):
-            env.reset(seed=0)
-            for action in recording["action"]:
-                *_, truncated, info = env.step(action)
-            assert truncated
-            scores.append(info["f1"])
+        scores = [recording.replay(env)[1]["f1"] for env in (all_move, few)]
         tell(f"{recording.piece} ({physics}): F1 {scores[0]:.4f}, {scores[1]:.4f}")
         assert scores[0] > 0.9
         assert scores[1] == pytest.approx(scores[0], abs=0.005)
@@ -138,23 +127,3 @@ def test_the_next_call_after_fixing_keys_is_reset_and_spaces_and_schedules_stay(
     env.fix_keys(0, NUM_KEYS - 1)
     back, _ = env.reset(seed=0)
     np.testing.assert_array_equal(back, PianoEnv(TINY, physics="fast").reset(seed=0)[0])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("physics", ["reference", "fast"])
-def test_the_state_goes_back_and_copies_go_on_exactly(physics):
-    env = fixed_env(physics=physics)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    for _ in range(5):
-        env.step(env.action_space.sample())
-    state, actions = env.get_state(), [env.action_space.sample() for _ in range(8)]
-    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env)), fixed_env(physics=physics)]
-    copies[2].set_state(state)
-    expected = [env.step(action)[0] for action in actions]
-    for other in copies:
-        for action, observation in zip(actions, expected, strict=True):
-            np.testing.assert_array_equal(other.step(action)[0], observation)
-        np.testing.assert_array_equal(other.performance.key_active, env.performance.key_active)
-    with pytest.raises(EnvStateError, match="same options"):
-        PianoEnv(TINY, physics=physics).set_state(state)

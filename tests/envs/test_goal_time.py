@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import steps_of
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
@@ -59,8 +60,7 @@ def test_the_observation_shows_and_the_reward_asks_for_the_end(wrap):
     rest = end.unwrapped.rest_action
     terms, recalls = ([], []), []
     for env, list_of in zip((beginning, end), terms, strict=True):
-        for _ in range(len(env.unwrapped.roll)):
-            *_, info = env.step(rest)
+        for *_, info in steps_of(env, lambda _: rest):
             list_of.append(info["reward_terms"]["key_press"])
         recalls.append(info["recall"])
     assert terms[1][:-1] == terms[0][1:]  # of hands that rest

@@ -9,7 +9,7 @@ from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.envs.hand_encoding import FRAMES_AHEAD, LINE_AHEAD, PLACES_AHEAD
-from sb3_piano.exceptions import PlanWarning, ScoreError
+from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import Note, Score
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.planning import PlannedPianist
@@ -134,13 +134,6 @@ def test_keys_around_a_finger_show_depth_and_whether_they_are_due():
     left = shown(env, observation)["left_keys"]
     assert left[1, 4] == 1
     assert left[1, 7] == 1  # B flat 2, due, black
-
-
-def test_pieces_without_fingers_are_refused_unless_fingers_are_found():
-    bare = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="bare")
-    with pytest.raises(ScoreError, match="observation 'hands' expects one for every note"):
-        PianoEnv(bare, observation="hands")
-    PianoEnv(bare, observation="hands", fingering="robot").reset()
 
 
 @pytest.mark.parametrize("fingering", ["robot", "ergonomic", "keep"])

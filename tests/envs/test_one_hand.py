@@ -1,20 +1,16 @@
 """Scenes with one hand, and one hand's part of a piece."""
 
-import warnings
-
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env as gymnasium_check
+from episodes import assert_checks_pass, play_episode, steps_of
 from short_scores import score_of
-from stable_baselines3.common.env_checker import check_env as sb3_check
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import PianoEnv, rewards
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.lab.music import Corpus, CorpusExcerpt
 from sb3_piano.music import Note, Score, load_score, write_midi
-from sb3_piano.planning import PlannedPianist
 from sb3_piano.players import make_player
 from sb3_piano.simulation.scene import FAR_AWAY
 from sb3_piano.vec_env import HandsAsAgents
@@ -35,17 +31,6 @@ def labelled(*hands):
     return Score(notes=notes, title="labelled")
 
 
-def play(env, player):
-    """Return the final info of an episode."""
-    observation, _ = env.reset(seed=0)
-    state, over = None, False
-    while not over:
-        action, state = player.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-    return info
-
-
 @pytest.mark.parametrize("side", SIDES)
 class TestSpaces:
     @pytest.mark.parametrize(
@@ -54,10 +39,7 @@ class TestSpaces:
     def test_both_checks_pass_and_the_observation_is_that_of_a_hand(self, side, observation, size):
         env = gym.make("RoboPianist-v0", score=SCALE, hands_in_scene=side, observation=observation)
         assert env.observation_space.shape == (size,)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            gymnasium_check(env.unwrapped, skip_render_check=True)
-            sb3_check(env)
+        assert_checks_pass(env)
         names = env.unwrapped.observation_layout
         assert not any(name.startswith(OTHER[side]) for name in names)
 
@@ -108,14 +90,9 @@ def test_alone_it_moves_sees_and_earns_as_beside_a_hand_at_rest(side, observatio
 
 def test_a_hand_alone_earns_nothing_for_forearms_and_the_highest_return_knows():
     alone, both = PianoEnv(SCALE, hands_in_scene="right"), PianoEnv(SCALE, hands="right")
-    assert alone.reward_terms(0)["forearm"] == 0
-    alone.reset(seed=0), both.reset(seed=0)
-    over = False
-    while not over:
-        *_, over, info = alone.step(alone.rest_action)
-        *_, both_info = both.step(both.rest_action)
-    assert info["return_forearm"] == 0
-    assert both_info["return_forearm"] == 0.5 * len(both.roll)
+    for env, share in ((alone, 0), (both, 0.5)):
+        *_, (*_, info) = steps_of(env, lambda _, env=env: env.rest_action)
+        assert info["return_forearm"] == share * len(both.roll)
     highest = [env._goal.highest_return for env in (alone, both)]
     assert highest[0] == highest[1] - 0.5 * len(both.roll)
 
@@ -224,7 +201,7 @@ def test_players_play_as_well_alone_as_beside_a_hand_at_rest(side, player):
     found = []
     for option in ("hands", "hands_in_scene"):
         env = gym.make("RoboPianist-v0", score=SCALE, reduced_action_space=False, **{option: side})
-        info = play(env, make_player(player, env))
+        info = play_episode(env, make_player(player, env))
         fingers = env.unwrapped.performance.press_finger
         own = range(5) if side == "right" else range(5, 10)
         assert set(np.unique(fingers)) <= {-1, *own}
@@ -252,14 +229,11 @@ class TestParts:
             return HandReward(HandActions(env))
 
         venv = HandsAsAgents(DummyVecEnv([make, make]))
-        assert venv.num_envs == 2
-        assert venv.observation_space.shape == (379,)
-        assert venv.action_space.shape == (19,)
+        assert (venv.observation_space.shape, venv.action_space.shape) == ((379,), (19,))
         assert venv.reset().shape == (2, 379)
-        observations, rewards, dones, infos = venv.step(np.zeros((2, 19), dtype=np.float32))
+        observations, rewards, _, infos = venv.step(np.zeros((2, 19), dtype=np.float32))
         assert observations.shape == (2, 379)
         assert rewards == pytest.approx([info["hand_rewards"][0] for info in infos])
-        assert len(dones) == 2
 
     def test_what_moves_the_right_hand_moves_the_left_one_in_the_mirror(self, side):
         env = HandActions(PianoEnv(SCALE, hands_in_scene=side))
@@ -271,30 +245,3 @@ class TestParts:
             env.step(action)
         moved = env.unwrapped.simulation.fingertips[env.unwrapped.scene.fingers][:, 1].mean()
         assert (moved - start) * (1 if side == "right" else -1) > 0.02
-
-    def test_it_is_drawn_in_the_colours_of_its_fingers(self, side):
-        env = PianoEnv(SCALE, hands_in_scene=side, render_mode="rgb_array")
-        env.reset(seed=0)
-        assert env.render().std() > 10
-        env.close()
-
-    def test_states_are_put_back_exactly(self, side):
-        env = PianoEnv(SCALE, hands_in_scene=side)
-        env.reset(seed=0)
-        for _ in range(5):
-            env.step(env.action_space.sample())
-        state, actions = env.get_state(), [env.action_space.sample() for _ in range(5)]
-        first = [env.step(action)[0] for action in actions]
-        env.set_state(state)
-        np.testing.assert_array_equal(first, [env.step(action)[0] for action in actions])
-
-
-def test_a_plan_for_one_hand_has_only_its_motion():
-    env = PianoEnv(SCALE, hands_in_scene="left")
-    pianist = PlannedPianist(env)
-    observation, _ = env.reset(seed=0)
-    pianist.predict(observation)
-    plan = pianist._trackers.of(env).plan
-    assert plan.positions.shape == (len(env.roll) + 1, 19)
-    assert plan.fingertips.shape == (len(env.roll) + 1, 5, 3)
-    assert len(plan.hands) == 1

@@ -197,24 +197,40 @@ def test_hands_start_in_random_places_drawn_from_the_seed():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("few_keys", [False, True])
 @pytest.mark.parametrize(
-    "options", [{"physics": "fast"}, {"reduced_action_space": False, "n_steps_lookahead": 3}]
+    "options",
+    [
+        {"physics": "fast", "reward_weights": {"strike": 0.5}},
+        {"reduced_action_space": False, "n_steps_lookahead": 3},
+        {"hands_in_scene": "right"},
+        {"hands_in_scene": "left"},
+    ],
+    ids=str,
 )
-def test_a_restored_state_deep_in_an_episode_repeats_every_step_bitwise(options):
-    env = PianoEnv("CMajorScaleTwoHands", **options)
+def test_a_restored_state_deep_in_an_episode_repeats_every_step_bitwise(options, few_keys):
+    env, other = (PianoEnv("CMajorScaleTwoHands", **options) for _ in range(2))
+    for each in (env, other) if few_keys else ():
+        each.fix_keys(30, 60)
     env.reset(seed=0)
     actions = random_actions(env, 151)
     play(env, actions[:120])
     state = env.get_state()
+    twins = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
     expected = play(env, actions[120:])
     final, returns = env.performance.metrics(), env.get_state().returns
     env.reset(options={"score": TINY})
-    observation = env.set_state(pickle.loads(pickle.dumps(state)))
-    assert env.steps_played == 120
-    np.testing.assert_array_equal(observation, env.set_state(state))
-    np.testing.assert_array_equal(play(env, actions[120:]), expected)
-    assert env.performance.metrics() == final
-    np.testing.assert_array_equal(env.get_state().returns, returns)
+    for one in (env, other):
+        observation = one.set_state(pickle.loads(pickle.dumps(state)))
+        assert one.steps_played == 120
+        np.testing.assert_array_equal(observation, one.set_state(state))
+    for one in (env, other, *twins):
+        np.testing.assert_array_equal(play(one, actions[120:]), expected)
+        assert one.performance.metrics() == final
+        np.testing.assert_array_equal(one.get_state().returns, returns)
+    if few_keys:
+        with pytest.raises(EnvStateError, match="same options"):
+            PianoEnv("CMajorScaleTwoHands", **options).set_state(state)
 
 
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from episodes import steps_of
 from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -102,18 +103,14 @@ def test_times_are_those_of_a_simulation_watched_step_by_step(performance, physi
 @pytest.mark.slow
 def test_good_playing_is_done_by_the_fingers_that_the_score_names(performance):
     env = PianoEnv(performance.piece, **performance.options)
-    env.reset(seed=0)
-    for action in performance["action"][: len(env.roll)]:
-        *_, info = env.step(action)
+    _, info = performance.replay(env)
     assert info["fingering_agreement"] > 0.9
     assert info["effective_fingers"] > 5
     played = env.performance.to_score()
     assert {note.finger for note in played.notes} == {note.finger for note in env.score.notes}
     # The planner that made them has keys down by the end of a step: some 25 ms late, if not more.
     assert 20 < info["onset_error_mean_ms"] < 35
-    env.reset(seed=0)
-    for _ in range(len(env.roll)):
-        *_, resting = env.step(env.rest_action)
+    *_, (*_, resting) = steps_of(env, lambda _: env.rest_action)
     assert (resting["f1"], resting["onset_f1"]) == (info["noop_f1"], 0.0)
     assert info["normalized_return"] == pytest.approx(
         float(np.sum(performance["reward"])) / env._goal.highest_return, rel=0.01

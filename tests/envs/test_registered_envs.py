@@ -20,7 +20,7 @@ from sb3_piano.envs import (
     register_envs,
 )
 from sb3_piano.exceptions import UnknownPieceError
-from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score, write_midi
+from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score
 from sb3_piano.music.built_in import ENCORE
 from sb3_piano.music.library import PIG_PIECES, Library
 
@@ -133,15 +133,6 @@ def test_the_same_seed_gives_bitwise_the_same_episode_in_two_processes():
     first = episode_hash()
     assert len(first.strip()) == 64
     assert episode_hash() == first
-
-
-def test_the_general_id_plays_any_score(tmp_path):
-    path = tmp_path / "piece.mid"
-    write_midi(Score(notes=[Note(onset=0.5, offset=1.0, pitch=60)]), path)
-    for score in (path, str(path), "DMajorScaleOneHand"):
-        env = gym.make("RoboPianist-v0", score=score)
-        env.reset(seed=0)
-        assert env.unwrapped.score.title in ("piece", "DMajorScaleOneHand")
 
 
 def test_an_environment_of_a_score_is_made_again_from_the_json_of_its_spec():

@@ -74,13 +74,3 @@ def test_the_slots_of_a_vector_transform_their_scores_each_with_its_own_generato
 def test_bad_options_are_refused(options, error, message):
     with pytest.raises(error, match=message):
         chosen_score(options, OWN, np.random.default_rng(0))
-
-
-def test_control_steps_are_counted_over_episodes():
-    env = PianoEnv(OWN, n_steps_lookahead=0)
-    for _ in range(2):
-        env.reset()
-        env.step(env.rest_action)
-        env.step(env.rest_action)
-    assert env.total_steps == 4
-    assert env.steps_played == 2

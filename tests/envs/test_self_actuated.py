@@ -1,14 +1,12 @@
 """The piano without hands, whose keys are driven."""
 
 import math
-import warnings
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env as gymnasium_check
+from episodes import assert_checks_pass, steps_of
 from short_scores import score_of
-from stable_baselines3.common.env_checker import check_env as sb3_check
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
@@ -41,13 +39,8 @@ def as_goal(observation):
 
 def play(env, policy):
     """Return rewards and the final info of an episode."""
-    observation, _ = env.reset(seed=0)
-    rewards, over = [], False
-    while not over:
-        observation, reward, terminated, truncated, info = env.step(policy(observation))
-        rewards.append(reward)
-        over = terminated or truncated
-    return rewards, info
+    _, rewards, _, _, infos = zip(*steps_of(env, policy), strict=True)
+    return list(rewards), infos[-1]
 
 
 @pytest.mark.parametrize("lookahead", [0, 3])
@@ -55,10 +48,7 @@ def test_both_checks_pass(lookahead):
     env = gym.make(ENV_ID, n_steps_lookahead=lookahead)
     assert env.action_space.shape == (89,)
     assert env.observation_space.shape == ((lookahead + 1) * 89 + 89,)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        gymnasium_check(env.unwrapped, skip_render_check=True)
-        sb3_check(env)
+    assert_checks_pass(env)
 
 
 @pytest.mark.parametrize("physics", ["reference", "fast"])
@@ -89,13 +79,9 @@ def test_the_other_reward_is_the_log_likelihood():
         played, due = played.astype(float), due.astype(float)
         return np.sum(due * np.log(played + epsilon) + (1 - due) * np.log(1 - played + epsilon))
 
-    random = np.random.default_rng(0)
-    env.reset(seed=0)
-    piano, over = env.unwrapped, False
-    while not over:
-        step = piano.steps_played
-        action = random.choice([-1.0, 1.0], 89).astype(np.float32)
-        _, reward, _, over, info = env.step(action)
+    random, piano = np.random.default_rng(0), env.unwrapped
+    at_random = lambda _: random.choice([-1.0, 1.0], 89).astype(np.float32)  # noqa: E731
+    for step, (_, reward, *_, info) in enumerate(steps_of(env, at_random)):
         played = np.append(piano.key_active, piano.pedal_down)
         due = np.append(piano.roll.active[step], piano.roll.sustain[step])
         assert reward == pytest.approx(entropy(played, due), abs=1e-3)
@@ -132,8 +118,9 @@ def test_what_needs_hands_says_so(make, message):
         make(without_hands())
 
 
-def test_it_is_drawn_without_hands():
-    env = gym.make(ENV_ID, render_mode="rgb_array")
+@pytest.mark.parametrize("hands", ["none", "right", "left"])
+def test_it_is_drawn_with_the_hands_that_there_are(hands):
+    env = PianoEnv("scale-CMajor", hands_in_scene=hands, render_mode="rgb_array")
     env.reset(seed=0)
     env.step(env.action_space.sample())
     assert env.render().std() > 10

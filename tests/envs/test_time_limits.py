@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import Autoreset, RecordEpisodeStatistics, TimeLimit
+from gymnasium.wrappers import Autoreset, TimeLimit
 from stable_baselines3 import SAC
 from stable_baselines3.common.monitor import Monitor
 
@@ -15,8 +15,6 @@ from sb3_piano.callbacks import EpisodeMetricsCallback, F1Callback
 from sb3_piano.envs import SELF_ACTUATED_ID
 from sb3_piano.interop.environment import DmEnvironment
 from sb3_piano.metrics import frame_f1
-from sb3_piano.training import load_config
-from sb3_piano.training.runs.builders import build_vec_env
 
 STEPS = 6
 F1_KEYS = ("f1", "onset_f1", "noop_f1")
@@ -100,11 +98,6 @@ def test_a_monitor_around_it_writes_the_metrics(kind):
     }
 
 
-def test_a_monitor_inside_a_time_limit_notices_the_end():
-    env = LIMITED["around Monitor"]()
-    assert play(env)[-1]["episode"]["l"] == STEPS
-
-
 def test_a_process_of_stable_baselines3_sends_them():
     info = play(ENDED["another wrapper"]())[-1]
     assert not set(F1_KEYS) & set(pickle.loads(pickle.dumps(info)))
@@ -127,12 +120,6 @@ def test_gymnasiums_vectors_have_them(mode, autoreset):
     assert truncated.all()
     assert infos.get("final_info", infos)["_f1"].all()
     venv.close()
-
-
-def test_episode_statistics_stand_beside_them():
-    last = play(RecordEpisodeStatistics(LIMITED["wrapper"]()))[-1]
-    assert last["episode"]["l"] == STEPS
-    assert "f1" in last
 
 
 def test_metrics_of_dm_envs_time_steps():
@@ -163,23 +150,3 @@ def test_callbacks_log_them(kind):
     model.learn(STEPS, callback=[evaluation, EpisodeMetricsCallback()])
     assert set(F1_KEYS) <= set(evaluation.evaluations_metrics[0][0])
     assert "music/f1" in model.logger.name_to_value
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"env_kwargs": {"physics": "fast", "max_episode_steps": STEPS}},
-        {
-            "env_kwargs": {"physics": "fast"},
-            "env_wrapper": {"gymnasium.wrappers.TimeLimit": {"max_episode_steps": STEPS}},
-        },
-    ],
-)
-def test_both_ways_to_limit_a_run_show_the_same(settings):
-    venv = build_vec_env(load_config("sac", SELF_ACTUATED_ID, **settings))
-    venv.reset()
-    for _ in range(STEPS):
-        (info,) = venv.step(np.zeros((1, *venv.action_space.shape)))[3]
-    assert set(F1_KEYS) <= set(info)
-    assert info["episode"]["l"] == STEPS
-    assert "f1" in info["episode"]

@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from short_scores import score_of
 
 from sb3_piano.envs import ENV_IDS, PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, ScoreError
-from sb3_piano.music import Note, Score
 from sb3_piano.simulation import find_gl_backend
 
 OPTIONS = {"physics": "fast", "randomize_hand_positions": True}
@@ -18,8 +18,8 @@ AUTORESET = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 
 def score(*pitches):
     """Return a score with two control steps for each note, and a silent one."""
-    notes = [Note(onset=0.1 * i, offset=0.1 * (i + 1), pitch=p) for i, p in enumerate(pitches)]
-    return Score(notes=notes, title=f"from {pitches[0]}")
+    notes = ((0.1 * i, 0.1 * (i + 1), pitch) for i, pitch in enumerate(pitches))
+    return score_of(*notes, title=f"from {pitches[0]}")
 
 
 SCORES = [score(60), score(60, 67), score(55, 60, 72)]  # 3, 5 and 7 control steps

@@ -54,15 +54,10 @@ def test_a_plan_has_a_row_for_each_state_and_starts_with_all_joints_at_0(options
 
 
 @SCENES
-def test_commands_are_within_the_control_ranges(options):
+def test_fingers_press_their_keys_until_they_nearly_sound(options):
     made, scene = planned(PIECE, **options), scene_of(**options)
     assert (made.commands >= scene.ctrl_low).all()
     assert (made.commands <= scene.ctrl_high).all()
-
-
-@SCENES
-def test_fingers_press_their_keys_until_they_nearly_sound(options):
-    made, scene = planned(PIECE, **options), scene_of(**options)
     across, above = pressed_tips(made, scene).T
     assert len(across) == len(PIECE.notes)
     assert across.max() < 0.006, "half a white key and half a fingertip are more"

@@ -5,6 +5,7 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import as_dict
 from short_pieces import QUICK, both_hands, five_fingers, piano
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
 
@@ -20,12 +21,6 @@ PIECE = five_fingers()
 OTHER = five_fingers(order=(4, 2, 0), length=0.3)
 # Where it does not matter how well a piece is planned.
 CARELESS = dataclasses.replace(QUICK, rounds=1, iterations=1, dynamic_iterations=1)
-
-
-def as_dict(env):
-    """Show what is observed under a name."""
-    space = gym.spaces.Dict({"seen": env.observation_space})
-    return gym.wrappers.TransformObservation(env, lambda seen: {"seen": seen}, space)
 
 
 def play(env, player, *, pass_state=True, start=None):
@@ -52,10 +47,12 @@ def solo():
 
 
 @pytest.mark.slow
-def test_it_plays_a_piece_well_and_resting_hands_do_not(solo):
-    _, _, info, _, _ = solo
+def test_it_plays_a_piece_well_with_actions_of_the_space_and_resting_hands_do_not(solo):
+    _, _, info, actions, _ = solo
     assert info["f1"] > WELL
     assert info["f1"] > info["noop_f1"] + 0.4
+    assert actions.dtype == np.float32
+    assert np.abs(actions).max() <= 1 + 1e-6
 
 
 @pytest.mark.slow
@@ -65,26 +62,15 @@ def test_it_plays_a_piece_well_and_resting_hands_do_not(solo):
         {"reduced_action_space": True, "physics": "reference"},
         {"reduced_action_space": True, "gravity_compensation": False},
         {"observation": "fingers", "n_steps_lookahead": 3},
+        {},
     ],
     ids=str,
 )
-def test_it_plays_in_other_settings_too(options):
-    env = piano(both_hands(order=(0, 2)), **options)
+def test_it_plays_in_other_settings_too_and_without_fingers(options):
+    score = both_hands(order=(0, 2))
+    env = piano(score if options else without_fingers(score, keep_hands=False), **options)
     info, _ = play(env, PlannedPianist(env, QUICK))
     assert info["f1"] > WELL
-
-
-def test_it_plays_a_piece_without_fingers():
-    env = piano(without_fingers(PIECE, keep_hands=False))
-    assert play(env, PlannedPianist(env, QUICK))[0]["f1"] > WELL
-
-
-def test_actions_are_those_of_the_action_space(solo):
-    env, _, _, actions, _ = solo
-    assert actions.dtype == np.float32
-    for action in actions:
-        assert env.action_space.contains(np.clip(action, -1, 1))
-    assert np.abs(actions).max() <= 1 + 1e-6
 
 
 def test_the_pedal_is_that_of_the_score():
@@ -232,7 +218,7 @@ def test_it_plays_each_of_the_pieces_that_are_chosen():
 
 
 @pytest.mark.filterwarnings("ignore:.*cannot be played")
-def test_the_plans_of_the_last_pieces_are_kept_and_no_more(monkeypatch):
+def test_the_plans_of_the_last_pieces_are_kept_and_of_all_that_play_at_once(monkeypatch):
     monkeypatch.setattr(pianist, "_PLANS_KEPT", 2)
     env, trackers = piano(OTHER), Trackers(CARELESS)
     for pitch in (60, 62, 64, 65):
@@ -241,10 +227,6 @@ def test_the_plans_of_the_last_pieces_are_kept_and_no_more(monkeypatch):
         last = trackers.of(env)
     assert trackers.of(env) is last
     assert len(trackers._kept) == 2
-
-
-@pytest.mark.filterwarnings("ignore:.*cannot be played")
-def test_as_many_are_kept_as_environments_play_at_once(monkeypatch):
     monkeypatch.setattr(pianist, "_PLANS_KEPT", 1)
     envs = [piano(five_fingers(length=length)) for length in (0.41, 0.43)]
     trackers = Trackers(CARELESS, n_envs=2)

@@ -199,12 +199,10 @@ def test_a_plan_for_something_else_is_refused(file, score, options, message):
 
 
 def test_what_is_no_plan_is_refused(tmp_path, env):
-    path = tmp_path / "plan.npz"
-    with pytest.raises(ConfigError, match=r"cannot be read .*expected a file that"):
-        load_plan(path, env.roll, env.scene)
-    path.write_bytes(b"PK nothing")
-    with pytest.raises(ConfigError, match=r"cannot be read .*expected a file that"):
-        load_plan(path, env.roll, env.scene)
+    (tmp_path / "plan.npz").write_bytes(b"PK nothing")
+    for name in ("none.npz", "plan.npz"):
+        with pytest.raises(ConfigError, match=r"cannot be read .*expected a file that"):
+            load_plan(tmp_path / name, env.roll, env.scene)
 
 
 def test_of_two_ways_the_better_parts_are_taken_where_they_are_near():

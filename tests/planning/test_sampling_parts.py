@@ -32,10 +32,6 @@ def due(*which):
     return np.isin(np.arange(88), which)
 
 
-def test_in_silence_still_keys_cost_nothing():
-    assert SamplingCost().key_cost(due(), keys(), SOUNDING).sum(axis=1) == pytest.approx([0.0])
-
-
 def test_keys_that_cannot_sound_are_never_wrong():
     sounding = np.where(np.arange(88) == 41, np.inf, SOUNDING)
     angles = keys(k41=0.0)
@@ -143,20 +139,16 @@ def test_a_single_knot_is_a_constant_change(knots, horizon):
     np.testing.assert_array_equal(drawing.over_horizon(drawn), expected)
 
 
-def test_no_more_knots_are_drawn_than_there_are_control_steps():
-    assert candidates(horizon=3, knots=9).none().shape == (3, NU)
-
-
-def test_a_step_later_a_change_goes_on_where_it_was_and_holds_at_its_end():
-    drawing = candidates(horizon=4, knots=4, decay=1.0)
-    knots = drawing.draw(1, np.random.default_rng(0))[0]
-    later = drawing.over_horizon(drawing.shifted(knots)[None])[0]
-    before = drawing.over_horizon(knots[None])[0]
-    np.testing.assert_allclose(later, before[[1, 2, 3, 3]])
-
-
-def test_with_few_knots_it_goes_on_as_it_was_at_their_times():
-    drawing = candidates(horizon=5, knots=2, decay=0.5)
+@pytest.mark.parametrize(
+    ("horizon", "n_knots", "decay", "kept"),
+    [(4, 9, 1.0, [1, 2, 3, 3]), (5, 2, 0.5, [1, 4])],
+    ids=["at each step", "few knots"],
+)
+def test_a_step_later_a_change_goes_on_where_it_was_and_holds_at_its_end(
+    horizon, n_knots, decay, kept
+):
+    drawing = candidates(horizon=horizon, knots=n_knots, decay=decay)
+    assert drawing.none().shape == (min(horizon, n_knots), NU)
     knots = drawing.draw(1, np.random.default_rng(0))[0]
     before = drawing.over_horizon(knots[None])[0]
-    np.testing.assert_allclose(drawing.shifted(knots), 0.5 * before[[1, 4]])
+    np.testing.assert_allclose(drawing.shifted(knots), decay * before[kept])

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.envs.registration import EnvSpec
-from safetensors.torch import load_file, save_file
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
 from torch import nn
@@ -122,16 +121,7 @@ def test_it_learns_is_the_same_after_loading_and_learns_on(name, tmp_path):
 
 
 @each
-def test_hands_that_swap_what_they_see_swap_what_they_do(name):
-    model = make(name)
-    load_hand_weights(model.policy, weights())
-    swapped = np.roll(observations(), N, axis=1)
-    np.testing.assert_allclose(acted(model, swapped), np.roll(acted(model), M, axis=1), atol=1e-6)
-
-
-@each
 def test_one_hand_s_weights_play_both_hands(name):
-    """And so through a file, from PPO that has learnt with hands as agents."""
     one = make("ppo", hands=1)
     one.learn(128)
     seen = observations()
@@ -139,20 +129,6 @@ def test_one_hand_s_weights_play_both_hands(name):
     load_hand_weights(both.policy, hand_weights(one.policy))
     apart = [acted(one, hand) for hand in np.split(seen, 2, axis=1)]
     np.testing.assert_allclose(acted(both, seen), np.concatenate(apart, axis=1), atol=1e-6)
-
-
-def test_weights_survive_a_file_which_is_small(tmp_path):
-    space = Reach(n=400, m=22)
-    arguments = (space.observation_space, space.action_space, lambda _: 1e-3)
-    trained, other = HandsTD3Policy(*arguments), HandsActorCriticPolicy(*arguments)
-    save_file(hand_weights(trained), tmp_path / "hand.safetensors")
-    assert 1.8e6 < (tmp_path / "hand.safetensors").stat().st_size < 2.0e6
-    load_hand_weights(other, load_file(tmp_path / "hand.safetensors"))
-    seen = np.random.default_rng(0).normal(size=(5, 800)).astype(np.float32)
-    trained_actions, other_actions = (
-        p.predict(seen, deterministic=True)[0] for p in (trained, other)
-    )
-    np.testing.assert_allclose(trained_actions, other_actions, atol=1e-6)
 
 
 @each
@@ -196,8 +172,7 @@ def test_exploration_is_small_at_first_and_learnt(name):
 @each
 def test_all_that_learns_is_optimised_once(name):
     model = make(name)
-    parts = [model.policy] if name == "ppo" else [model.actor, model.critic]
-    for part in parts:
+    for part in [model.policy] if name == "ppo" else [model.actor, model.critic]:
         optimised = [p for group in part.optimizer.param_groups for p in group["params"]]
         assert {id(p) for p in optimised} == {id(p) for p in part.parameters()}
 
@@ -250,14 +225,8 @@ def test_settings_in_a_file_train_it(name, tmp_path, monkeypatch):
     loaded = MODELS[name].load(result.folder.model_file)
     assert isinstance(loaded.policy, POLICIES[name])
     assert any(isinstance(part, nn.SiLU) for part in loaded.policy.modules())
-
-
-@each
-def test_activation_and_sizes_are_as_given(name):
-    model = make(name, activation_fn=nn.SiLU)
-    assert any(isinstance(part, nn.SiLU) for part in model.policy.modules())
-    heads = [part for part in model.policy.modules() if isinstance(part, HandHead)]
-    assert {(head.in_features, head.out_features) for head in heads} == {(8 + N, M)}
+    heads = [part for part in loaded.policy.modules() if isinstance(part, HandHead)]
+    assert {(head.in_features, head.out_features) for head in heads} == {(16 + N, M)}
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,13 @@
 
 import copy
 import pickle
-import warnings
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env as gymnasium_check
+from episodes import assert_checks_pass, at_random, steps_of
 from gymnasium.wrappers import RescaleObservation
 from short_scores import score_of
-from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import sb3_piano.wrappers
 from sb3_piano.envs import ObservationSpace
@@ -114,26 +112,20 @@ def piano(**options):
     return gym.make("RoboPianist-v0", score=PIECE, physics="fast", n_steps_lookahead=3, **options)
 
 
-def play(env, steps=30, seed=7):
-    """Return observations and rewards of some steps, over several episodes."""
-    random = np.random.default_rng(seed)
-    observation, _ = env.reset(seed=seed)
-    observations, rewards = [observation], []
-    for _ in range(steps):
-        action = random.uniform(-1, 1, env.action_space.shape).astype(np.float32)
-        observation, reward, terminated, truncated, _ = env.step(action)
-        observations.append(observation)
-        rewards.append(reward)
-        if terminated or truncated:
-            observation, _ = env.reset()
+def play(env, episodes=4, seed=7):
+    """Return observations and rewards of several episodes."""
+    observations, rewards = [], []
+    for number in range(episodes):
+        for observation, reward, *_ in steps_of(
+            env, at_random(env, seed), seed=None if number else seed
+        ):
             observations.append(observation)
+            rewards.append(reward)
     return np.array(observations), rewards
 
 
-def assert_equal_playing(first, second, **options):
-    (observations, rewards), (others, other_rewards) = (
-        play(each, **options) for each in (first, second)
-    )
+def assert_equal_playing(first, second):
+    (observations, rewards), (others, other_rewards) = play(first), play(second)
     np.testing.assert_array_equal(observations, others)
     assert rewards == other_rewards
 
@@ -147,14 +139,9 @@ def test_no_wrapper_is_left_out():
 
 @pytest.mark.slow
 def test_the_checks_of_gymnasium_and_of_sb3_pass_without_a_warning(env):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        # Gymnasium means this check for what is bare; that it is not is the point here.
-        warnings.filterwarnings("ignore", ".*is different from the unwrapped version")
-        if "previous_reward" in getattr(env.observation_space, "layout", ()):  # without bounds
-            warnings.filterwarnings("ignore", r".*A Box observation space m\w+ value is -?infinity")
-        gymnasium_check(env, skip_render_check=True)
-        sb3_check(env)
+    is_unbounded = "previous_reward" in getattr(env.observation_space, "layout", ())
+    unbounded = r".*A Box observation space m\w+ value is -?infinity"
+    assert_checks_pass(env, *([unbounded] if is_unbounded else []))
 
 
 @pytest.mark.slow
@@ -166,7 +153,7 @@ def test_it_works_with_one_hand(stack, side):
             stack(inside)
         return
     wrapped = stack(inside)
-    observations, rewards = play(wrapped, steps=12)
+    observations, rewards = play(wrapped, episodes=2)
     assert all(one in wrapped.observation_space for one in observations)
     assert np.isfinite(rewards).all()
     wrapped.close()
@@ -174,13 +161,9 @@ def test_it_works_with_one_hand(stack, side):
 
 @pytest.mark.slow
 def test_the_seed_decides_everything_in_one_environment_and_in_a_new_one(stack, env):
-    first = play(env)
+    assert_equal_playing(env, stack(piano()))
     env.unwrapped.total_steps = 0  # for schedules, which go on
-    again, fresh = play(env), play(stack(piano()))
-    for observations, rewards in (again, fresh):
-        np.testing.assert_array_equal(observations, first[0])
-        assert rewards == first[1]
-    assert len(first[0]) > 32  # an episode has ended meanwhile
+    assert_equal_playing(env, stack(piano()))
 
 
 @pytest.mark.slow
@@ -191,11 +174,10 @@ def test_a_copy_goes_on_like_the_original(env, clone):
     for _ in range(2):
         env.step(action)
     twin = clone(env)
-    following, reward, *_ = env.step(action)
-    twin_following, twin_reward, *_ = twin.step(action)
-    np.testing.assert_array_equal(following, twin_following)
-    assert reward == twin_reward
     assert twin.unwrapped is not env.unwrapped
+    (following, reward, *_), (of_twin, its_reward, *_) = env.step(action), twin.step(action)
+    np.testing.assert_array_equal(following, of_twin)
+    assert reward == its_reward
     assert_equal_playing(env, twin)
 
 
@@ -208,7 +190,7 @@ def test_the_spec_makes_the_same_stack_again(env):
 
 
 @pytest.mark.slow
-def test_observations_lie_in_the_space_and_have_memory_of_their_own(env):
+def test_observations_have_a_layout_and_memory_of_their_own(env):
     observation, _ = env.reset(seed=0)
     space = env.observation_space
     if not isinstance(env, Pixels):  # a picture has no layout
@@ -219,8 +201,6 @@ def test_observations_lie_in_the_space_and_have_memory_of_their_own(env):
         following, *_ = env.step(env.action_space.sample())
         np.testing.assert_array_equal(observation, before)
         assert not np.shares_memory(observation, following)
-        assert following.dtype == space.dtype
-        assert following in space
         observation = following
 
 
@@ -249,10 +229,10 @@ def test_a_score_given_to_reset_arrives_and_is_played_once(env):
 
 
 @pytest.mark.parametrize("wrapper", ARGUMENTS)
-@pytest.mark.parametrize("env_id", ["CartPole-v1", "Pendulum-v1"])
-def test_what_is_no_piano_is_refused(wrapper, env_id):
-    with pytest.raises(ConfigError, match=rf"{wrapper.__name__} cannot wrap a \w+Env: expected a"):
-        wrapper(gym.make(env_id), **ARGUMENTS[wrapper])
+def test_what_is_no_piano_is_refused(wrapper):
+    for env_id in ("CartPole-v1", "Pendulum-v1"):
+        with pytest.raises(ConfigError, match=rf"{wrapper.__name__} cannot wrap a \w+Env: expect"):
+            wrapper(gym.make(env_id), **ARGUMENTS[wrapper])
 
 
 INF = float("inf")
@@ -312,11 +292,19 @@ def test_a_wrong_argument_is_refused_by_name_and_value(wrapper, changes, message
 @pytest.mark.parametrize(
     ("inside", "wrapper", "message"),
     [
-        (KeyRewardTiering, KeyRewardTiering, "KeyRewardTiering wraps another one"),
+        (single(KeyRewardTiering), KeyRewardTiering, "KeyRewardTiering wraps another one"),
         (
             lambda env: RescaleObservation(env, np.float32(0), np.float32(1)),
             KeyRange,
             "KeyRange cannot tell which numbers of a Box mean what",
+        ),
+        *(
+            (single(kind), kind, f"Two blocks of the observation are called '{block}'")
+            for kind, block in (
+                (PreviousActionReward, "previous_action"),
+                (HindsightFlag, "relabelled"),
+                (Lookahead, "lookahead_fingering"),
+            )
         ),
     ],
 )

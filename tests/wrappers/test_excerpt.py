@@ -12,8 +12,7 @@ from short_scores import score_of
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Score
-from sb3_piano.wrappers import Excerpt, PitchShift, TemporalStretch
-from sb3_piano.wrappers.score_wrapper import possible_scores
+from sb3_piano.wrappers import Excerpt
 
 SIX = melody(60, 61, 62, 63, 64, 65, length=1.0)  # bars at 0, 2 and 4 s
 
@@ -50,9 +49,11 @@ class TestSeconds:
         assert played(Excerpt(piano(SIX), **arguments)) == SIX.excerpt(*span)
 
     @pytest.mark.parametrize("start", [0, "random"])
-    @pytest.mark.parametrize("length", [6, 7])
-    def test_a_piece_that_is_no_longer_is_played_whole(self, start, length):
-        assert played(Excerpt(piano(SIX), start=start, length=length)) is SIX
+    @pytest.mark.parametrize(
+        ("length", "unit"), [(6, "seconds"), (7, "seconds"), (3, "bars"), (4.0, "bars")]
+    )
+    def test_a_piece_that_is_no_longer_is_played_whole(self, start, length, unit):
+        assert played(Excerpt(piano(SIX), start=start, length=length, unit=unit)) is SIX
 
     def test_a_random_part_begins_with_a_note_and_lies_within_the_piece(self):
         drawn = windows(Excerpt(piano(), start="random", length=4), SIX, 600)
@@ -111,11 +112,6 @@ class TestBars:
         with pytest.raises(ScoreError, match="from bar 2: expected one of its bars, 0 to 1"):
             Excerpt(piano(score), start=2, length=1, unit="bars")
 
-    @pytest.mark.parametrize("start", [0, "random"])
-    @pytest.mark.parametrize("length", [3, 4.0])
-    def test_a_piece_of_no_more_bars_is_played_whole(self, start, length):
-        assert played(Excerpt(piano(SIX), start=start, length=length, unit="bars")) is SIX
-
     def test_random_bars_are_equally_likely(self):
         drawn = windows(Excerpt(piano(), start="random", length=2, unit="bars"), SIX, 400)
         assert set(drawn) == {text(60, 61, 62, 63), text(62, 63, 64, 65)}
@@ -140,10 +136,6 @@ class TestBars:
         ]
         assert played_by == [[60], [61, 62], [63, 64]]
 
-    def test_a_stretched_piece_has_its_bars_where_they_were(self):
-        env = TemporalStretch(Excerpt(piano(SIX), start=1, length=1, unit="bars"), 0.3)
-        assert pitches(played(env)) == [62, 63]
-
     def test_a_piece_without_bars_is_an_error_that_knows_a_way_out(self):
         plain = melody(60, 62, bars=(), title="plain")
         message = r"bars of 'plain' are not known: .* MusicXML file, or an excerpt in seconds"
@@ -152,21 +144,3 @@ class TestBars:
                 Excerpt(piano(plain), start=start, unit="bars")
         with pytest.raises(ScoreError, match=message):
             Excerpt(piano(), unit="bars").reset(options={"score": plain})
-
-
-class TestPossibleScores:
-    def test_a_fixed_part_is_known_and_of_random_ones_the_piece(self):
-        assert possible_scores(Excerpt(piano(SIX), start=1, length=1)) == [SIX.excerpt(1, 2)]
-        assert possible_scores(Excerpt(piano(SIX), start="random", length=1)) == [SIX]
-
-    @pytest.mark.parametrize(
-        "outer",
-        [
-            lambda env: TemporalStretch(env, [0.5, 2]),
-            lambda env: Excerpt(env, start="random", length=2),
-        ],
-    )
-    def test_of_a_part_of_what_is_drawn_all_notes_count(self, outer):
-        env = outer(PitchShift(Excerpt(piano(SIX), start=0, length=1), 2))
-        notes = {pitch for score in possible_scores(env) for pitch in pitches(score)}
-        assert notes == {*range(62, 68)}

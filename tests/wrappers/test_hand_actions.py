@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import play_episode
+from episodes import play_episode, steps_of
 from gymnasium.wrappers import RescaleAction
 from short_scores import score_of
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -67,15 +67,15 @@ def test_controls_become_actions_and_back():
 
 def test_the_planned_pianist_plays_as_well_through_it():
     env = HandActions(piano())
-    player = PlannedPianist(env.unwrapped)
-    env.reset(seed=0)
-    tracker = player._trackers.of(env.unwrapped)
-    over = False
-    while not over:
-        scene, data = env.unwrapped.scene, env.unwrapped.data
-        positions = scene.actuator_positions(data.qpos[scene.hand_qpos])
-        action = env.action_for(tracker.controls(env.unwrapped.steps_played, positions))
-        *_, over, info = env.step(action)
+    inside = env.unwrapped
+    tracker = PlannedPianist(inside)._trackers
+
+    def choose(_):
+        positions = inside.scene.actuator_positions(inside.data.qpos[inside.scene.hand_qpos])
+        controls = tracker.of(inside).controls(inside.steps_played, positions)
+        return env.action_for(controls)
+
+    *_, (*_, info) = steps_of(env, choose)
     plain = piano()
     told = play_episode(plain, PlannedPianist(plain))
     assert info["f1"] == pytest.approx(told["f1"], abs=0.02)
@@ -87,8 +87,11 @@ def test_what_cannot_be_is_refused():
         HandActions(piano(), reach=0)
     with pytest.raises(ConfigError, match="guidance is -1"):
         HandReward(piano(), guidance=-1)
+    rescaled = RescaleAction(piano(), 0.0, 1.0)
     with pytest.raises(ConfigError, match="HandActions cannot stand for actions"):
-        HandActions(RescaleAction(piano(), 0.0, 1.0))
+        HandActions(rescaled)
+    with pytest.raises(ConfigError, match="A test finds no HandActions around the piano"):
+        change_of_actions(rescaled, 0.03, "A test")
     env = HandActions(piano())
     env.reset()
     with pytest.raises(InvalidActionError, match=r"shape \(45,\): expected \(44,\)"):
@@ -101,14 +104,13 @@ def test_what_cannot_be_is_refused():
 
 def played(env, player_of=None):
     """Return what both hands earn in each step of a piece, resting or played by the planner."""
-    observation, _ = env.reset(seed=0)
-    player, state, over = player_of and player_of(env.unwrapped), None, False
+    player = player_of and player_of(env.unwrapped)
+
+    def choose(observation):
+        return env.unwrapped.rest_action if player is None else player.predict(observation)[0]
+
     earned = []
-    while not over:
-        action = env.unwrapped.rest_action
-        if player is not None:
-            action, state = player.predict(observation, state)
-        observation, reward, _, over, info = env.step(action)
+    for _, reward, *_, info in steps_of(env, choose):
         np.testing.assert_allclose(reward, info["hand_rewards"].mean())
         earned.append(info["hand_rewards"])
     return np.array(earned), info
@@ -221,9 +223,3 @@ def test_a_change_of_actions_moves_where_a_finger_is_told_to_go(wrap):
     fingers = (kinds == "finger") & (np.abs(told[0]) > 0.05)  # none is at the end of its range
     np.testing.assert_allclose((told[1] - told[0])[fingers], 0.03, rtol=1e-4)
     assert np.abs(told[1] - told[0]).max() < 0.031
-
-
-def test_other_actions_cannot_be_changed_so():
-    env = RescaleAction(piano(), 0.0, 1.0)
-    with pytest.raises(ConfigError, match="A test finds no HandActions around the piano"):
-        change_of_actions(env, 0.03, "A test")

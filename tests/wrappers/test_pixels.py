@@ -1,16 +1,13 @@
 """Pictures as observations, and the replay buffer that holds them."""
 
-import warnings
-
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import assert_checks_pass
 from gymnasium import spaces
-from gymnasium.utils.env_checker import check_env as gymnasium_check
 from short_scores import score_of
 from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import DictReplayBuffer
-from stable_baselines3.common.env_checker import check_env as sb3_check
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -42,21 +39,13 @@ def hue(color):
     return int(np.argmax(color[:3])), int(np.argmin(color[:3]))
 
 
-def test_the_checks_of_gymnasium_and_of_sb3_pass(env):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".*is different from the unwrapped version")
-        gymnasium_check(env, skip_render_check=True)
-        sb3_check(env)
-
-
-def test_the_picture_stands_beside_the_vector(env):
+def test_the_picture_stands_beside_the_vector_and_the_checks_pass(env):
     observation, _ = env.reset(seed=0)
     assert isinstance(env.observation_space, spaces.Dict)
     assert observation["observation"].shape == (1124,)
     assert observation["pixels"].shape == (84, 84, 3)
-    assert observation["pixels"].dtype == np.uint8
     assert observation["pixels"].std() > 10
+    assert_checks_pass(env)
 
 
 def test_a_due_key_has_the_colour_of_its_finger_before_it_is_due(env):

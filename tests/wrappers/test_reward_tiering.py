@@ -19,12 +19,12 @@ TOLERANCE = 0.0003
 C4, E4, WRONG = 60 - 21, 64 - 21, 70
 CHORD = score_of((0.0, 0.3, 60, 0), (0.0, 0.3, 64, 2), title="chord")
 
-# Keys that are played; recall and precision of the report; its key reward, old and tiered.
+# Keys that are played; the key reward of the report, old and tiered.
 EXAMPLES = {
-    "all 88 keys": (range(NUM_KEYS), 1.0, 0.0, 0.5, 0.5),
-    "none": ((), 0.0, 1.0, 0.5, 0.0),
-    "both right": ((C4, E4), 1.0, 1.0, 1.0, 1.0),
-    "one right and one wrong": ((C4, WRONG), 0.5, 0.0, 0.25, 0.25),
+    "all 88 keys": (range(NUM_KEYS), 0.5, 0.5),
+    "none": ((), 0.5, 0.0),
+    "both right": ((C4, E4), 1.0, 1.0),
+    "one right and one wrong": ((C4, WRONG), 0.25, 0.25),
 }
 
 
@@ -53,7 +53,7 @@ def play(env, keys, steps=2):
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_the_reports_examples_change_this_term_and_no_other(example, piano):
-    keys, _, _, old, tiered = EXAMPLES[example]
+    keys, old, tiered = EXAMPLES[example]
     terms = play(piano, keys)[1]
     assert terms["key_press"] == pytest.approx(old, abs=TOLERANCE)
     env = KeyRewardTiering(piano)
@@ -67,25 +67,26 @@ def test_where_nothing_is_due_the_term_stays(piano, keys, expected):
     assert play(KeyRewardTiering(piano), keys, steps=7)[1]["key_press"] == expected
 
 
-def test_each_step_is_compared_with_its_own_goal():
-    """First only C is due, then only E: holding C is right, then wrong, then wrong in silence."""
-    score = score_of((0.0, 0.1, 60, 0), (0.1, 0.2, 64, 2))
-    env = KeyRewardTiering(PianoEnv(score, physics="fast"))
+@pytest.mark.parametrize(
+    ("notes", "options", "held", "expected"),
+    [
+        # First only C is due, then only E: holding C is right, then wrong, then wrong in silence.
+        ([(0.0, 0.1, 60, 0), (0.1, 0.2, 64, 2)], {}, [[C4]] * 5, [1.0, 1.0, 0.0, 0.0, 0.0]),
+        # C is asked for in the two steps before those that it is written in.
+        (
+            [(0.15, 0.25, 60, 0)],
+            {"goal_time": "end", "trim_silence": False},
+            [()] * 3 + [[C4]] * 3,
+            [0.5, 0.5, 0.0, 1.0, 0.0, 0.0],
+        ),
+    ],
+    ids=["beginning", "end"],
+)
+def test_each_step_is_compared_with_its_own_goal(notes, options, held, expected):
+    env = KeyRewardTiering(PianoEnv(score_of(*notes), physics="fast", **options))
     env.reset(seed=0)
-    found = []
-    for _ in range(5):
-        found.append(play(env, [C4], steps=1)[1]["key_press"])
-    assert found == pytest.approx([1.0, 1.0, 0.0, 0.0, 0.0], abs=TOLERANCE)
-
-
-def test_with_goals_at_the_end_of_steps_it_goes_by_those():
-    """C is asked for in the two steps before those that it is written in."""
-    score = score_of((0.15, 0.25, 60, 0))
-    piano = PianoEnv(score, physics="fast", goal_time="end", trim_silence=False)
-    env = KeyRewardTiering(piano)
-    env.reset(seed=0)
-    found = [play(env, keys, steps=1)[1]["key_press"] for keys in [()] * 3 + [[C4]] * 3]
-    assert found == pytest.approx([0.5, 0.5, 0.0, 1.0, 0.0, 0.0], abs=TOLERANCE)
+    found = [play(env, keys, steps=1)[1]["key_press"] for keys in held]
+    assert found == pytest.approx(expected, abs=TOLERANCE)
 
 
 # Energy and forearms only once the keys are pressed well.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 
 import gymnasium as gym
-import numpy as np
 import pytest
+from episodes import at_random, steps_of
 from gymnasium.wrappers import TimeLimit, TransformReward
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,20 +27,8 @@ def piano(**options):
 
 def episode(env, seed=0):
     """Return the rewards, terms and final info of an episode of random actions."""
-    random = np.random.default_rng(seed)
-    env.reset(seed=seed)
-    rewards, terms, ended = [], [], False
-    while not ended:
-        action = random.uniform(-1, 1, env.action_space.shape)
-        _, reward, terminated, truncated, info = env.step(action)
-        rewards.append(reward)
-        terms.append(info["reward_terms"])
-        ended = terminated or truncated
-    return rewards, terms, info
-
-
-def summed(weights, terms):
-    return [sum(weights[name] * value for name, value in row.items()) for row in terms]
+    _, rewards, _, _, infos = zip(*steps_of(env, at_random(env, seed), seed=seed), strict=True)
+    return list(rewards), [info["reward_terms"] for info in infos], infos[-1]
 
 
 weights = st.dictionaries(

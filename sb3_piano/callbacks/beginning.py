@@ -17,7 +17,14 @@ from sb3_piano.policies import hand_weights, load_hand_weights, set_standardizat
 _log = logging.getLogger(__name__)
 
 
-class DemonstrationsCallback(BaseCallback):
+class _AtFirst(BaseCallback):
+    """A callback that has nothing to do in a step."""
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class DemonstrationsCallback(_AtFirst):
     """Fill the replay buffer from a data set before the training, unless something is in it.
 
     A training that is resumed has its buffer back, with what is left of the data set in it. With
@@ -50,11 +57,8 @@ class DemonstrationsCallback(BaseCallback):
         count = fill_replay_buffer(self.model, self._dataset)
         _log.info("%d transitions of %r are in the replay buffer.", count, self._dataset)
 
-    def _on_step(self) -> bool:
-        return True
 
-
-class HandWeightsCallback(BaseCallback):
+class HandWeightsCallback(_AtFirst):
     """Give a policy of hands the weights of a network before the training.
 
     A training that is resumed keeps its own. In YAML, for ``sb3-piano train``::
@@ -92,11 +96,8 @@ class HandWeightsCallback(BaseCallback):
         tensors = {name: torch.from_numpy(array) for name, array in network.tensors.items()}
         load_hand_weights(self.model.policy, tensors)
 
-    def _on_step(self) -> bool:
-        return True
 
-
-class SightReaderStandardization(BaseCallback):
+class SightReaderStandardization(_AtFirst):
     """Let the policy standardise observations, from its beginning, as what it corrects does.
 
     For policies of :mod:`sb3_piano.policies` for hands in environments with
@@ -117,6 +118,3 @@ class SightReaderStandardization(BaseCallback):
                 mean = means.mean(axis=0)
                 std = np.sqrt((stds**2 + (means - mean) ** 2).mean(axis=0))
             set_standardization(self.model.policy, mean, std)
-
-    def _on_step(self) -> bool:
-        return True

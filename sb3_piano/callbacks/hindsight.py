@@ -9,10 +9,9 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from sb3_piano.callbacks.own_env import RunContext, make_own_env, preserve_random_state
+from sb3_piano.callbacks.own_env import OwnEnvCallback, preserve_random_state
 from sb3_piano.callbacks.relabelling import Episode, Stage, Transition
 from sb3_piano.exceptions import ConfigError
 
@@ -21,7 +20,7 @@ _MOST_WAITING = 10_000
 an episode more: 40 MB with the full observation."""
 
 
-class HindsightCallback(BaseCallback):
+class HindsightCallback(OwnEnvCallback):
     """Add each episode to the replay buffer once more, as a performance of what was played in it.
 
     When an episode has ended, a score is made of the keys that sounded in it, with the finger that
@@ -61,21 +60,15 @@ class HindsightCallback(BaseCallback):
 
     def __init__(self) -> None:
         super().__init__()
-        self._run: RunContext | None = None
-        self._stage: Stage | None = None
+        self._stage: Stage
         self._under_way: list[Episode | None] = []
         self._ended: list[tuple[int, Episode]] = []
         self._waiting: list[deque[Transition]] = []
         self._n_episodes = 0
 
-    def use_run(self, run: RunContext) -> None:
-        """Take the environment from a run."""
-        self._run = run
-
     def _init_callback(self) -> None:
         _check_algorithm(self.model)
-        self._close()
-        self._stage = Stage(make_own_env(self.model, self._run), self.model)
+        self._stage = Stage(self._make_own_env(), self.model)
         self._ended = []
         self._waiting = [deque() for _ in range(self.training_env.num_envs)]
 
@@ -114,7 +107,6 @@ class HindsightCallback(BaseCallback):
             _add_row(buffer, [waiting.popleft() for waiting in self._waiting])
 
     def _relabel(self, slot: int, episode: Episode) -> None:
-        assert self._stage is not None, "made when training starts"
         with preserve_random_state(self.model, None):
             relabelled = self._stage.relabelled(episode)
         if relabelled is None:
@@ -123,14 +115,6 @@ class HindsightCallback(BaseCallback):
         self._n_episodes += 1
         self.logger.record("hindsight/episodes", self._n_episodes)
         self.logger.record_mean("hindsight/sounding", relabelled.sounding)
-
-    def _on_training_end(self) -> None:
-        self._close()
-
-    def _close(self) -> None:
-        if self._stage is not None:
-            self._stage.close()
-            self._stage = None
 
 
 def _replay_buffer(model: BaseAlgorithm) -> ReplayBuffer:

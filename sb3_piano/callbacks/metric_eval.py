@@ -16,13 +16,13 @@ import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.logger import HumanOutputFormat
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.array_files import read_arrays
 from sb3_piano.callbacks.checkpoint import write_normalization
 from sb3_piano.callbacks.condition import Condition
 from sb3_piano.callbacks.episode_metrics import finite_number
-from sb3_piano.callbacks.own_env import RunContext, env_name, make_own_env, preserve_random_state
+from sb3_piano.callbacks.own_env import OwnEnvCallback, RunContext, env_name, preserve_random_state
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.files import read_json, write_atomically, write_json
 from sb3_piano.metrics import EPISODE_METRICS
@@ -71,7 +71,7 @@ class BestModel:
 _BASELINE = "noop_f1"
 
 
-class MetricEvalCallback(EvalCallback):
+class MetricEvalCallback(OwnEnvCallback, EvalCallback):
     """SB3's ``EvalCallback``, with a number of the final ``info`` in the place of the return.
 
     Every ``eval_freq`` calls it plays some episodes in an environment of its own and logs, in one
@@ -178,20 +178,18 @@ class MetricEvalCallback(EvalCallback):
         self.evaluated_at: list[int] = []
         """Environment steps that were done at each evaluation."""
         self._makes_env = eval_env is None
-        self._run: RunContext | None = None
         self._goes_on = True
 
     def use_run(self, run: RunContext) -> None:
         """Take the environment, and the place for the best model, from a run."""
-        self._run = run
+        super().use_run(run)
         if self.best_model_save_path is None:
             self.best_model_save_path = str(run.folder / f"best_{self.metric}")
 
     def _init_callback(self) -> None:
         with warnings.catch_warnings():
             if self._makes_env:
-                self._close_own_env()
-                self.eval_env = make_own_env(self.model, self._run)
+                self.eval_env = self._make_own_env()
                 # Training in processes or threads, evaluating without them is as it should be.
                 warnings.filterwarnings("ignore", "Training and eval env are not of the same type")
             super()._init_callback()
@@ -223,14 +221,6 @@ class MetricEvalCallback(EvalCallback):
         self._goes_on = True
         if self.evaluate_start and self.num_timesteps == 0:
             self._goes_on = self._on_step()  # which SB3 asks for only after a step
-
-    def _on_training_end(self) -> None:
-        if self._makes_env:
-            self._close_own_env()
-
-    def _close_own_env(self) -> None:
-        self.eval_env.close()
-        self.eval_env = DummyVecEnv([_UnbuiltEnv])
 
     def _on_step(self) -> bool:
         if not self._goes_on:

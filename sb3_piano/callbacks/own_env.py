@@ -50,6 +50,32 @@ class RunContext:
     put around the bare environment inside."""
 
 
+class OwnEnvCallback(BaseCallback):
+    """A callback that plays in an environment of its own, so that the training does not notice.
+
+    It is like the first of the training's, made by :meth:`_make_own_env` when a training starts,
+    and closed at its end.
+    """
+
+    _run: RunContext | None = None
+    _own_env: VecEnv | None = None
+
+    def use_run(self, run: RunContext) -> None:
+        """Take from a run what was not set otherwise: the environment, and places for files."""
+        self._run = run
+
+    def _make_own_env(self, innermost: EnvWrapper | None = None) -> VecEnv:
+        """Return the environment, made anew."""
+        self._on_training_end()
+        self._own_env = make_own_env(self.model, self._run, innermost)
+        return self._own_env
+
+    def _on_training_end(self) -> None:
+        if self._own_env is not None:
+            self._own_env.close()
+            self._own_env = None
+
+
 @runtime_checkable
 class UsesRun(Protocol):
     """A callback that wants to know its run before the training starts."""

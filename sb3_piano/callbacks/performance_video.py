@@ -8,13 +8,11 @@ from typing import Annotated, Any
 
 import gymnasium as gym
 from gymnasium.wrappers import TimeLimit
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.callbacks.own_env import (
+    OwnEnvCallback,
     RunContext,
     env_name,
-    make_own_env,
     preserve_random_state,
     sync_normalization,
 )
@@ -26,7 +24,7 @@ from sb3_piano.settings import Positive, Unit, checked
 from sb3_piano.viewing import Picture, Take, View, write_take
 
 
-class PerformanceVideoCallback(BaseCallback):
+class PerformanceVideoCallback(OwnEnvCallback):
     """Play an episode now and then, and save it as a video with sound.
 
     Every ``video_freq`` calls, in an environment of its own, the policy plays without exploring.
@@ -71,12 +69,10 @@ class PerformanceVideoCallback(BaseCallback):
         self._max_seconds = checked("max_seconds", max_seconds, Annotated[Positive, Unit("s")])
         self._picture: Picture | None = Picture(width=width, height=height, view=view)
         self._seed = seed
-        self._run: RunContext | None = None
-        self._env: VecEnv | None = None
 
     def use_run(self, run: RunContext) -> None:
         """Take the environment, and the place for the videos, from a run."""
-        self._run = run
+        super().use_run(run)
         if self._folder is None:
             self._folder = run.folder / "videos"
 
@@ -86,14 +82,12 @@ class PerformanceVideoCallback(BaseCallback):
                 "PerformanceVideoCallback has no folder to write into: expected folder='...', "
                 "which only a training by 'sb3-piano train' can do without."
             )
-        self._on_training_end()
-        self._env, self._recorder = self._make_env()
+        venv = self._make_own_env(self._record)
         piano = self._recorder.unwrapped
         if not isinstance(piano, PianoEnv):
-            name = env_name(self._env)
-            self._on_training_end()
             raise ConfigError(
-                f"There is no performance to record in {name}: expected a piano environment."
+                f"There is no performance to record in {env_name(venv)}: expected a piano "
+                "environment."
             )
         self._scene = piano.scene
         make_folder(self._folder)
@@ -104,33 +98,23 @@ class PerformanceVideoCallback(BaseCallback):
             self._write(self.play(), self._folder / f"step_{self.num_timesteps}")
         return True
 
-    def _on_training_end(self) -> None:
-        if self._env is not None:
-            self._env.close()
-            self._env = None
-
     def play(self) -> Take:
         """Return an episode that the model plays now, in the callback's environment."""
-        assert self._env is not None, "a training is on"
-        sync_normalization(self.model, self._env)
+        assert self._own_env is not None, "a training is on"
+        sync_normalization(self.model, self._own_env)
         with preserve_random_state(self.model, self._seed):
-            recording = next(rollout(self.model, self._env, seed=self._seed))
+            recording = next(rollout(self.model, self._own_env, seed=self._seed))
         assert recording.performance is not None, "it is a piano"
         assert recording.motion is not None, "it is a piano"
         return Take.of(self._scene, recording.performance, recording.motion.qpos)
 
-    def _make_env(self) -> tuple[VecEnv, EpisodeRecorder]:
-        """Return an environment like those of the training, and the recorder inside."""
-        recorders: list[EpisodeRecorder] = []
-
-        def record(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-            if isinstance(env.unwrapped, PianoEnv):
-                steps = int(self._max_seconds / env.unwrapped.config.control_timestep + 1e-9)
-                env = TimeLimit(env, max(steps, 1))
-            recorders.append(EpisodeRecorder(env))
-            return recorders[-1]
-
-        return make_own_env(self.model, self._run, record), recorders[-1]
+    def _record(self, env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+        """Put a recorder around the environment inside, and a limit to what is played."""
+        if isinstance(env.unwrapped, PianoEnv):
+            steps = int(self._max_seconds / env.unwrapped.config.control_timestep + 1e-9)
+            env = TimeLimit(env, max(steps, 1))
+        self._recorder = EpisodeRecorder(env)
+        return self._recorder
 
     def _write(self, take: Take, base: Path) -> None:
         played = write_take(take, base, self._picture)

@@ -58,18 +58,13 @@ class Stage:
     """An environment in which actions are played again."""
 
     def __init__(self, venv: VecEnv, model: BaseAlgorithm) -> None:
-        """Prepare an environment, which is closed if it is refused.
+        """Prepare an environment.
 
         Raises:
             ConfigError: If episodes of a model's environment cannot be relabelled in it.
         """
-        self._venv = venv
-        try:
-            self._env: gym.Env[Any, Any] = getattr(venv.unwrapped, "envs")[0]  # noqa: B009
-            self._piano = _piano_for(self._env, venv, model)
-        except ConfigError:
-            venv.close()
-            raise
+        self._env: gym.Env[Any, Any] = getattr(venv.unwrapped, "envs")[0]  # noqa: B009
+        self._piano = _piano_for(self._env, venv, model)
         config = self._piano.config
         for layer in layers(self._env):
             if isinstance(layer, HindsightFlag):
@@ -89,10 +84,6 @@ class Stage:
             goal_time="beginning",  # what was played is asked for in the step in which it was
             wrong_press_termination=False,
         )
-
-    def close(self) -> None:
-        """Close the environment."""
-        self._venv.close()
 
     def relabelled(self, episode: Episode) -> Relabelled | None:
         """Return an episode under the score of what was played, or ``None`` if there is none.

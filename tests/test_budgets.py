@@ -22,10 +22,10 @@ LINES = {
     "base": 1_785,
     "batch": 1_800,
     "buffers": 660,
-    "callbacks": 2_810,
+    "callbacks": 2_770,
     "cli": 3_140,
     "demonstrations": 1_550,
-    "envs": 3_320,
+    "envs": 3_300,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 1_030,
@@ -33,7 +33,7 @@ LINES = {
     "metrics": 1_100,
     "music": 8_760,
     "pipelines": 1_550,
-    "planning": 3_345,
+    "planning": 3_340,
     "players": 1_700,
     "policies": 1_580,
     "reading": 930,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 5_150
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_440, "modules": 327, "names": 406},
+    "core": {"lines": 49_290, "modules": 325, "names": 358},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 43_210},
+    "tests": {"lines": 42_500},
 }
 
 

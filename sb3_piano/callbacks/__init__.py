@@ -7,38 +7,34 @@ from sb3_piano.callbacks.beginning import (
     HandWeightsCallback,
     SightReaderStandardization,
 )
-from sb3_piano.callbacks.checkpoint import Checkpoint, KeepsState, ResumableCheckpoint
-from sb3_piano.callbacks.condition import Condition
+from sb3_piano.callbacks.checkpoint import Checkpoint as Checkpoint
+from sb3_piano.callbacks.checkpoint import KeepsState as KeepsState
+from sb3_piano.callbacks.checkpoint import ResumableCheckpoint as ResumableCheckpoint
+from sb3_piano.callbacks.condition import Condition as Condition
 from sb3_piano.callbacks.difficulty_curriculum import DifficultyCallback
 from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback, RewardTermsCallback
 from sb3_piano.callbacks.hindsight import HindsightCallback
 from sb3_piano.callbacks.level_replay import LevelReplayCallback
 from sb3_piano.callbacks.metric_eval import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.callbacks.performance_video import PerformanceVideoCallback
-from sb3_piano.callbacks.progress import PianoProgressBar
+from sb3_piano.callbacks.progress import PianoProgressBar as PianoProgressBar
 from sb3_piano.callbacks.q_value import QValueCallback
-from sb3_piano.callbacks.replay_segments import restore_replay_buffer
+from sb3_piano.callbacks.replay_segments import restore_replay_buffer as restore_replay_buffer
 
 __all__ = [
     "ActionSearchCallback",
     "AveragedWeightsCallback",
-    "Checkpoint",
-    "Condition",
     "DemonstrationsCallback",
     "DifficultyCallback",
     "EpisodeMetricsCallback",
     "F1Callback",
     "HandWeightsCallback",
     "HindsightCallback",
-    "KeepsState",
     "LevelReplayCallback",
     "MetricEvalCallback",
     "OnsetF1Callback",
     "PerformanceVideoCallback",
-    "PianoProgressBar",
     "QValueCallback",
-    "ResumableCheckpoint",
     "RewardTermsCallback",
     "SightReaderStandardization",
-    "restore_replay_buffer",
 ]

@@ -12,7 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.demonstrations import fill_replay_buffer
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER, HandModel
-from sb3_piano.policies import hand_weights, load_hand_weights, set_standardization
+from sb3_piano.policies.hand_network import hand_weights, load_hand_weights, set_standardization
 
 _log = logging.getLogger(__name__)
 

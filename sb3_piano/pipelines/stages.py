@@ -15,7 +15,8 @@ from annotated_types import MinLen
 from pydantic import AfterValidator, BeforeValidator
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from sb3_piano.callbacks import Condition, F1Callback, MetricEvalCallback, OnsetF1Callback
+from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
+from sb3_piano.callbacks.condition import Condition
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import NAMED

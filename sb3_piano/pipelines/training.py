@@ -11,8 +11,9 @@ from typing import Any, ClassVar
 
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.callbacks import Checkpoint, Condition, MetricEvalCallback
-from sb3_piano.callbacks.checkpoint import CHECKPOINT_FILE, DEFAULT_EVERY
+from sb3_piano.callbacks import MetricEvalCallback
+from sb3_piano.callbacks.checkpoint import CHECKPOINT_FILE, DEFAULT_EVERY, Checkpoint
+from sb3_piano.callbacks.condition import Condition
 from sb3_piano.callbacks.own_env import with_nested
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import read_json, write_json, write_yaml

@@ -17,8 +17,9 @@ import safetensors.numpy
 
 from sb3_piano.array_files import in_order, read_shapes
 from sb3_piano.arrays import Float32Array
-from sb3_piano.envs import ObservationLayout, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.envs.hand_encoding import CLIP, HandEncoding
+from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.files import write_bytes
 from sb3_piano.settings import Count, Index, Positive, settings

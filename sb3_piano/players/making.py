@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
-from sb3_piano.planning import PianoPolicy, PlannedPianist
+from sb3_piano.planning import PlannedPianist
+from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.sampling import PredictiveSampling
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.settings import refuse_unknown

@@ -12,7 +12,8 @@ import numpy as np
 
 from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.planning import PianoPolicy, PlannedPianist
+from sb3_piano.planning import PlannedPianist
+from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER, HandModel
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.settings import Positive, checked, refuse_unknown

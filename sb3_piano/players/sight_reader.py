@@ -11,9 +11,9 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs import ObservationLayout
 from sb3_piano.envs.actions import HandActionMap
 from sb3_piano.envs.hand_encoding import HandEncoding
+from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll

@@ -14,7 +14,7 @@ from stable_baselines3.common.torch_layers import create_mlp, get_actor_critic_a
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor, nn
 
-from sb3_piano.envs import ObservationLayout
+from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies.networks import OwnActor
 from sb3_piano.policies.regularized import (

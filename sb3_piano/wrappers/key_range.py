@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from annotated_types import Ge, Le
 
-from sb3_piano.envs import ALL_KEYS, KeyWindow
-from sb3_piano.envs.observation import used_keys
+from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, used_keys
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
 from sb3_piano.settings import Index, Whole, checked

@@ -12,8 +12,8 @@ from annotated_types import Ge
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sb3_piano.arrays import BoolArray, Float32Array
-from sb3_piano.envs import ObservationBlock, ObservationLayout
 from sb3_piano.envs.config import LookaheadSteps
+from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll

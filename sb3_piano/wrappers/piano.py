@@ -6,7 +6,8 @@ from typing import Any
 
 import gymnasium as gym
 
-from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
+from sb3_piano.envs import ObservationSpace, PianoEnv
+from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import ConfigError
 
 

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs import ObservationBlock, ObservationLayout
+from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.wrappers.piano import LayoutWrapper, layout_of
 

@@ -11,7 +11,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.envs import ScoreTransform
+from sb3_piano.envs.score_choice import ScoreTransform
 from sb3_piano.layers import layers
 from sb3_piano.music import Score
 from sb3_piano.settings import Share, checked

@@ -18,8 +18,8 @@ from sb3_piano.links import make_folder
 from sb3_piano.metrics import presses_of
 from sb3_piano.music import PianoRoll, Score, load_score
 from sb3_piano.performance import Performance
-from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement, save_plan
-from sb3_piano.planning.plan_file import settings_of_plan
+from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement
+from sb3_piano.planning.plan_file import save_plan, settings_of_plan
 from sb3_piano.planning.policy import roll_with_fingers
 from sb3_piano.planning.refinement import OnStep
 from sb3_piano.players import PlayerSpec

@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from sb3_piano.callbacks import Checkpoint
+from sb3_piano.callbacks.checkpoint import Checkpoint
 from sb3_piano.demonstrations import Cloning, clone_behaviour
 from sb3_piano.demonstrations.corpus import RecordedCorpus, open_recorded
 from sb3_piano.demonstrations.dataset import reading

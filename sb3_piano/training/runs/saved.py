@@ -28,8 +28,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from sb3_piano.array_files import in_order, read_shapes
-from sb3_piano.callbacks import Checkpoint
-from sb3_piano.callbacks.checkpoint import SAVED_AFTER
+from sb3_piano.callbacks.checkpoint import SAVED_AFTER, Checkpoint
 from sb3_piano.exceptions import RunError, one_line
 from sb3_piano.files import check_file
 from sb3_piano.players.rollout import Player

@@ -18,8 +18,8 @@ from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from stable_baselines3.common.vec_env import VecNormalize, unwrap_vec_normalize
 from torch.optim import Optimizer
 
-from sb3_piano.callbacks import Checkpoint, restore_replay_buffer
-from sb3_piano.callbacks.replay_segments import end_last_episode
+from sb3_piano.callbacks.checkpoint import Checkpoint
+from sb3_piano.callbacks.replay_segments import end_last_episode, restore_replay_buffer
 from sb3_piano.exceptions import ConfigError, RunError, one_line
 from sb3_piano.settings import Index, checked
 from sb3_piano.training.configuration.config import RunConfig

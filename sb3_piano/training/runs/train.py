@@ -19,17 +19,11 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_piano.callbacks import (
-    Checkpoint,
-    EpisodeMetricsCallback,
-    PianoProgressBar,
-    ResumableCheckpoint,
-    RewardTermsCallback,
-    restore_replay_buffer,
-)
-from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
+from sb3_piano.callbacks import EpisodeMetricsCallback, RewardTermsCallback
+from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY, Checkpoint, ResumableCheckpoint
 from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, hand_over
-from sb3_piano.callbacks.replay_segments import end_last_episode
+from sb3_piano.callbacks.progress import PianoProgressBar
+from sb3_piano.callbacks.replay_segments import end_last_episode, restore_replay_buffer
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal

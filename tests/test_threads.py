@@ -85,7 +85,7 @@ def test_there_are_no_more_threads_than_slots_or_usable_cores(make_team, monkeyp
     assert make_team(8, 6).n_threads == 6  # as asked for
 
 
-@pytest.mark.parametrize("n_threads", [0, -1, True, 1.5, "2"])
+@pytest.mark.parametrize("n_threads", [0, -1, True, 1.5, "two"])
 def test_what_is_no_number_of_threads_is_refused(n_threads):
     with pytest.raises(ConfigError, match=f"n_threads is {n_threads!r}: expected a whole number"):
         ThreadTeam(4, n_threads)

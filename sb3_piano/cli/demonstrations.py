@@ -24,6 +24,7 @@ from sb3_piano.cli.common import (
 )
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.play import PLAYERS_HELP, player_spec, stage_of
+from sb3_piano.hyperparams import DEFAULT_ALGORITHM
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -82,7 +83,7 @@ def add_clone_arguments(parser: Any) -> None:
     """Add the arguments of ``clone``."""
     add = command(parser, _clone, epilog=TRUST)
     add("dataset", "DATASET|FOLDER", _DATASET)
-    add("--algo", "NAME", "sac (default), td3, tqc or ddpg", default="sac")
+    add("--algo", "NAME", "sac (default), td3, tqc or ddpg", default=DEFAULT_ALGORITHM)
     add("--config")
     add("--epochs", "N", "", whole_number, 60)
     add("--batch-size", "N", "", whole_number, 256)

@@ -19,6 +19,7 @@ from sb3_piano.cli.common import (
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.play import play_run
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import DEFAULT_ALGORITHM
 
 if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
@@ -45,14 +46,14 @@ _NEW_RUN_ONLY = (
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _train, epilog=TRUST)
-    add("--algo", "NAME", "td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
+    add("--algo", "NAME", "sac (default), td3, tqc, ddpg, ppo, a2c, crossq or trpo")
     add_piece_arguments(add)
     add("--pieces", "PIECE", _PIECES_HELP, nargs="+")
     add(
         "--from",
         "PLAYER",
         "learn to correct what plays already: sight-reader, planned, the FILE.safetensors of "
-        "another network of a hand, or a RUN; with sac (then the default), td3 or ppo",
+        "another network of a hand, or a RUN; with sac, td3 or ppo",
     )
     add("--init-from", "RUN", "begin with the networks and optimizers of a run, and its settings")
     add("--with-buffer", text="with --init-from: begin with its replay buffer, too")
@@ -108,7 +109,7 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
 
     given = {"n_timesteps": arguments.steps, **{n: getattr(arguments, n) for n in _OF_CONFIG}}
     given = {name: value for name, value in given.items() if value is not None}
-    start = getattr(arguments, "from")
+    algo, start = arguments.algo or DEFAULT_ALGORITHM, getattr(arguments, "from")
     if arguments.with_buffer and arguments.init_from is None:
         raise ConfigError("--with-buffer is given without --init-from: expected both, or neither.")
     if arguments.pieces is not None:
@@ -121,13 +122,12 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
         given |= {"with_buffer": arguments.with_buffer, **options}
         return load_start(arguments.init_from, env_id, arguments.config, **given)
     if start is None:
-        algorithm_class(arguments.algo or "td3")  # what is no algorithm is told first
+        algorithm_class(algo)  # what is no algorithm is told first
         others = ", --midi FILE, --pieces PIECE... or --resume RUN"
         env_id, options = what_is_played(arguments, others)
-        return load_config(arguments.algo or "td3", env_id, arguments.config, **options, **given)
-    played = _played(arguments)
-    algo, file = arguments.algo or "sac", arguments.config
-    return load_fine_tuning(algo, played[0], file, player=start, **played[1], **given)
+        return load_config(algo, env_id, arguments.config, **options, **given)
+    env_id, options = _played(arguments)
+    return load_fine_tuning(algo, env_id, arguments.config, player=start, **options, **given)
 
 
 def _played(arguments: argparse.Namespace) -> tuple[str | None, dict[str, Any]]:

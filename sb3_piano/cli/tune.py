@@ -19,6 +19,7 @@ from sb3_piano.cli.common import (
     whole_number,
 )
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import DEFAULT_ALGORITHM
 
 if TYPE_CHECKING:
     from sb3_piano.tuning import StudyConfig, TuneResult
@@ -38,7 +39,7 @@ _STORAGE_HELP = "a database, such as postgresql+psycopg://user@host/name"
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _tune, description=_DESCRIPTION, epilog=TRUST)
-    add("--algo", "NAME", "td3 (default), sac, tqc, ...", default="td3")
+    add("--algo", "NAME", "sac (default), td3, tqc, ...", default=DEFAULT_ALGORITHM)
     add_piece_arguments(add)
     add("--config", text="settings to depart from; default: the preset")
     add = adder(parser.add_argument_group("trials"))

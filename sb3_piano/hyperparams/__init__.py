@@ -6,6 +6,9 @@ from pathlib import Path
 
 _HERE = Path(__file__).parent
 
+DEFAULT_ALGORITHM = "sac"
+"""What all commands train where no algorithm is named: what learns notes best here."""
+
 PRESETS = {path.stem: path for path in sorted(_HERE.glob("*.yml"))}
 """The files by the name of their algorithm."""
 

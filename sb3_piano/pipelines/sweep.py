@@ -15,6 +15,7 @@ from annotated_types import MinLen
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import load_yaml, write_csv, write_yaml
+from sb3_piano.hyperparams import DEFAULT_ALGORITHM
 from sb3_piano.jobs import Outcome, Resources, is_empty, status
 from sb3_piano.jobs.folders import shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -39,7 +40,7 @@ class SweepConfig:
         ConfigError: If a setting is unknown, has the wrong type or is out of range.
     """
 
-    algos: Annotated[tuple[str, ...], Listed, MinLen(1)] = ("sac",)
+    algos: Annotated[tuple[str, ...], Listed, MinLen(1)] = (DEFAULT_ALGORITHM,)
     """Names of algorithms."""
     pieces: Annotated[tuple[str, ...], Listed] = ()
     """What ``RoboPianist-v0`` plays: entries of :func:`~sb3_piano.music.select_pieces`; each piece

@@ -21,6 +21,7 @@ from sb3_piano.demonstrations.dataset import reading
 from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import DEFAULT_ALGORITHM
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.plugins import Plugin
@@ -49,7 +50,7 @@ class CloneResult:
 
 def clone(
     dataset: MinariDataset | RecordedCorpus | str,
-    algo: str = "sac",
+    algo: str = DEFAULT_ALGORITHM,
     folder: str | os.PathLike[str] | None = None,
     *,
     runs_dir: str | os.PathLike[str] = "runs",

@@ -54,11 +54,11 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     train = ["train", "--midi", midi_file.name, "--config", "small.yml", "--seed", "3"]
     assert main([*train, "--no-progress", "--evaluate"]) == 0
     out = capsys.readouterr().out
-    run = tmp_path / "runs" / "td3" / "RoboPianist-v0_1"
+    run = tmp_path / "runs" / "sac" / "RoboPianist-v0_1"
     assert "Trained for 60 steps." in out
-    assert "runs/td3/RoboPianist-v0_1/model.zip" in out
-    assert "tensorboard --logdir runs/td3/RoboPianist-v0_1/tensorboard" in out
-    assert "sb3-piano evaluate runs/td3/RoboPianist-v0_1" in out
+    assert "runs/sac/RoboPianist-v0_1/model.zip" in out
+    assert "tensorboard --logdir runs/sac/RoboPianist-v0_1/tensorboard" in out
+    assert "sb3-piano evaluate runs/sac/RoboPianist-v0_1" in out
     assert "  F1  " in out
     assert "no-op baseline" in out
     episodes = episodes_of(run / "monitor")
@@ -67,11 +67,11 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     assert all(0 <= episode["f1"] <= 1 for episode in episodes)
 
     midi_file.unlink()
-    assert main(["evaluate", "runs/td3/RoboPianist-v0_1", "--episodes", "2"]) == 0
+    assert main(["evaluate", "runs/sac/RoboPianist-v0_1", "--episodes", "2"]) == 0
     out = capsys.readouterr().out
     assert "2 episodes, model after 60 steps of training" in out
     assert "policy (mean ± std)" in out
-    resume = ["train", "--resume", str(run), "--steps", "8e1", "--no-progress", "--algo", "td3"]
+    resume = ["train", "--resume", str(run), "--steps", "8e1", "--no-progress", "--algo", "sac"]
     assert main(resume) == 0
     assert "Trained for 80 steps." in capsys.readouterr().out
 

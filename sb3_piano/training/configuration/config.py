@@ -54,7 +54,7 @@ _OF_ALGORITHM = ("policy", "env", "seed", "tensorboard_log", "action_noise")
 
 @settings
 class RunConfig:
-    """All settings of a training, checked.
+    """All settings of a training, checked: flat, as in YAML; :attr:`env` has the environment's.
 
     Raises:
         ConfigError: If a setting is unknown, has the wrong type or is out of range.
@@ -114,7 +114,7 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         algorithm = self.algorithm
-        _set(self, env_module=self.env.module, env_id=self.env.id)
+        self.__dict__.update(env_module=self.env.module, env_id=self.env.id)
         if (self.noise_type is None) != (self.noise_std is None):
             raise ConfigError(
                 f"noise_type is {self.noise_type!r} and noise_std {self.noise_std!r}: expected "
@@ -126,7 +126,11 @@ class RunConfig:
                 "noise: expected an off-policy algorithm, or no noise_type."
             )
         self._check_episodes()
-        arguments = _fit_arguments(self, algorithm)
+        others = [f.name for f in dataclasses.fields(self) if f.name != "algorithm_kwargs"]
+        arguments = check_arguments(
+            self.algorithm_kwargs, algorithm, reserved=_OF_ALGORITHM, also_known=others
+        )
+        self.__dict__["algorithm_kwargs"] = arguments
         device = arguments.get("device", "auto")
         try:
             get_device(device)
@@ -163,20 +167,12 @@ class RunConfig:
 
     def with_env(self, env: EnvSpec) -> Self:
         """Return the settings with another environment."""
-        return dataclasses.replace(self, **_flat(env), pieces=env.pieces)
+        named: dict[str, Any] = {"env_id": env.id, "env_module": env.module, "pieces": env.pieces}
+        return dataclasses.replace(self, **named, env_kwargs=env.options, env_wrapper=env.wrappers)
 
     def in_env(self, **options: Any) -> Self:
         """Return the settings with other options of the environment."""
         return self.with_env(self.env.with_options(**options))
-
-    @property
-    def files(self) -> dict[str, str]:
-        """What may name files."""
-        return self.env.files
-
-    def with_files(self, files: Mapping[str, str]) -> Self:
-        """Return the settings with other files in place of some of :attr:`files`."""
-        return self.with_env(self.env.with_files(files))
 
     @property
     def labels(self) -> dict[str, str]:
@@ -185,7 +181,10 @@ class RunConfig:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the config in YAML's types, which the class can be called with again."""
-        return _in_yaml(self)
+        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        for name in ("env_wrapper", "vec_env_wrapper", "callback"):
+            mapping[name] = [{each.path: dict(each.kwargs)} for each in mapping[name]]
+        return {name: plain(value, name) for name, value in mapping.items()}
 
     @property
     def algorithm(self) -> type[BaseAlgorithm]:
@@ -214,38 +213,6 @@ class RunConfig:
     def alone(self) -> Self:
         """Return the settings for one environment without log files."""
         return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
-
-
-def _flat(env: EnvSpec) -> dict[str, Any]:
-    """Return an environment as the settings of a run have it, but for pieces."""
-    names = {"env_id": env.id, "env_module": env.module}
-    return {**names, "env_kwargs": env.options, "env_wrapper": env.wrappers}
-
-
-def _set(config: Any, **values: Any) -> None:
-    for name, value in values.items():
-        object.__setattr__(config, name, value)
-
-
-def _fit_arguments(config: RunConfig, made: type) -> dict[str, Any]:
-    """Fit ``algorithm_kwargs`` to the constructor of what plays; return them."""
-    others = [f.name for f in dataclasses.fields(config) if f.name != "algorithm_kwargs"]
-    arguments = check_arguments(
-        config.algorithm_kwargs, made, reserved=_OF_ALGORITHM, also_known=others
-    )
-    _set(config, algorithm_kwargs=arguments)
-    return arguments
-
-
-def _in_yaml(config: RunConfig) -> dict[str, Any]:
-    mapping = {f.name: getattr(config, f.name) for f in dataclasses.fields(config)}
-    for name, value in mapping.items():
-        if isinstance(value, tuple):
-            mapping[name] = [
-                {each.path: dict(each.kwargs)} if isinstance(each, Plugin) else each
-                for each in value
-            ]
-    return {name: plain(value, name) for name, value in mapping.items()}
 
 
 def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import collections.abc
-import dataclasses
 import functools
 import inspect
 import os
@@ -150,8 +149,7 @@ def coerce(value: Any, annotation: Any, key: str) -> Any:
 
     Numbers may be text (PyYAML reads ``1e-3`` and ``1.0e6`` so), whole floats become integers where
     integers are wanted, lists become tuples; where a schedule may stand, ``lin_0.001`` may. Classes
-    stay import paths, written in full, and the fields of a dataclass a mapping. Annotations that
-    plain values cannot satisfy accept all.
+    stay import paths, written in full. Annotations that plain values cannot satisfy accept all.
     """
     return checked(key, value, _fitted(annotation))
 
@@ -162,7 +160,7 @@ def _fitted(annotation: Any) -> Any:
 
     Of several kinds numbers come before text, so that ``1e-3`` becomes one where both may stand.
     """
-    options = {_kind(option): option for option in _options(annotation)}
+    options = {typing.get_origin(one) or one: one for one in _options(annotation)}
     kinds = tuple(_KINDS[kind](options[kind]) for kind in _KINDS if kind in options)
     fitted: Any = kinds[0] if kinds else Any
     if len(kinds) > 1:
@@ -193,22 +191,10 @@ def classes_made(value: Any, key: str) -> Any:
     return class_of(value, MODEL_PARTS, key)
 
 
-def dataclass_made(value: Any, annotation: Any) -> Any:
-    """Return the dataclass of a parameter for a mapping of its fields, anything else as it is."""
-    made = [option for option in _options(annotation) if dataclasses.is_dataclass(option)]
-    made_of: Any = next(iter(made), None)
-    return made_of(**value) if made and isinstance(value, Mapping) else value
-
-
 def _options(annotation: Any) -> tuple[Any, ...]:
     if typing.get_origin(annotation) in (typing.Union, types.UnionType):
         return typing.get_args(annotation)
     return (annotation,)
-
-
-def _kind(option: Any) -> Any:
-    """Return the key of :data:`_KINDS` that stands for one type."""
-    return dict if dataclasses.is_dataclass(option) else typing.get_origin(option) or option
 
 
 def _linear(text: str) -> str:
@@ -231,9 +217,6 @@ def _class(option: Any) -> Any:
 def _mapping(option: Any) -> Any:
     """Return the annotation of a mapping, also as the Zoo's ``dict(...)``."""
     text = BeforeValidator(lambda v: parse_zoo_text(v) if isinstance(v, str) else v)
-    if dataclasses.is_dataclass(option):
-        made: Any = option
-        return Annotated[dict[str, Any], AfterValidator(lambda v: check_arguments(v, made)), text]
     _, items = typing.get_args(option) or (str, Any)
     return Annotated[dict[str, _fitted(items)], text]  # type: ignore[misc]
 

@@ -52,38 +52,22 @@ def load_config(
     return _loaded(algo, env_id, path, overrides)[1]
 
 
-def load_overlaid(
-    algo: str,
-    env_id: str,
-    preset: Path,
-    path: str | os.PathLike[str] | None = None,
-    **overrides: Any,
-) -> RunConfig:
-    """Return the hyperparameters of one file with those of another one laid over them.
-
-    Args:
-        algo: Name of the algorithm.
-        env_id: Id of the environment, or ``module:Id``.
-        preset: A YAML file as of :func:`load_config`.
-        path: One whose entry has what is to be different; by default nothing is.
-        **overrides: Keys to take instead of both entries'. ``env_kwargs`` are added to them.
+def overlaid(path: str | os.PathLike[str], env_id: str, over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the hyperparameters of a file for an environment, with others laid over them.
 
     Raises:
-        ConfigError: As :func:`load_config`.
+        ConfigError: If the file cannot be read, or has no entry for the environment.
     """
     if path in NAMED:
         raise ConfigError(
             f"The preset {str(path)!r} is for a training from nothing, and a correction has one of "
             "its own: expected a YAML file with what is to be different, or none."
         )
-    if path is not None:
-        file, (_, name) = Path(path), registered_id(env_id)
-        entry_name, entry = _entry_of(file, name)
-        try:
-            overrides = merged(entry, overrides)
-        except ConfigError as error:
-            raise ConfigError(f"'{file}', entry {entry_name!r}: {error}") from error
-    return _loaded(algo, env_id, preset, overrides)[1]
+    entry_name, entry = _entry_of(Path(path), registered_id(env_id)[1])
+    try:
+        return merged(entry, over)
+    except ConfigError as error:
+        raise ConfigError(f"'{path}', entry {entry_name!r}: {error}") from error
 
 
 def load_entry(

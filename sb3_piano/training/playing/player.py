@@ -461,7 +461,7 @@ def player_files(spec: PlayerSpec) -> list[Path]:
         return [*own, *([] if file is None else [network_file(file)])]
     config = run.read_config()
     files = [run.config_file, *filter(None, model_files(run, config))]
-    for option, text in config.files.items():
+    for option, text in config.env.files.items():
         named = PlayerSpec(name=text) if option == BASE else None
         files += [network_file(text)] if named is None else player_files(named)
     return files
@@ -521,7 +521,8 @@ def keep_base(run: RunFolder, config: RunConfig) -> None:
     """Keep a copy of the run that is corrected, if one is, in the folder of the new run."""
     if config.env.base is not None:
         write_player(config.env.base, run.base_dir)
-        run.write_config(run.read_config().with_files({BASE: str(run.base_dir)}))
+        kept = run.read_config()
+        run.write_config(kept.with_env(kept.env.with_base(str(run.base_dir))))
 
 
 def write_player(

@@ -18,7 +18,7 @@ from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.configuration.names import import_name, registered_id
 from sb3_piano.training.configuration.plugins import Plugin
-from sb3_piano.training.configuration.yaml_files import load_overlaid
+from sb3_piano.training.configuration.yaml_files import load_config, overlaid
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.wrappers.residual import Residual
 
@@ -62,7 +62,8 @@ def load_fine_tuning(
             "piece (--midi); only a run that is corrected brings its own."
         )
     played = base.env.full_id if base is not None and env_id is None else str(env_id)
-    config = load_overlaid(algo, played, FINE_TUNING[algo], path, **overrides)
+    settings = overrides if path is None else overlaid(path, played, overrides)
+    config = load_config(algo, played, FINE_TUNING[algo], **settings)
     if base is not None:
         given = overrides.get("env_kwargs", {})
         another = registered_id(played)[1] != base.env_id

@@ -254,7 +254,7 @@ class RunFolder:
             config = RunConfig(**content)
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
-        return config.with_files(self._inside(config.files))
+        return config.with_env(config.env.with_files(self._inside(config.env.files)))
 
     def _inside(self, files: Mapping[str, str]) -> dict[str, str]:
         """Return those of some files that are in this folder, wherever it is now."""
@@ -284,9 +284,9 @@ class RunFolder:
 
     def write_config(self, config: RunConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
-        files = config.files.items()
+        files = config.env.files.items()
         ours = {n: Path(f).name for n, f in files if Path(f).parent == self.path}
-        mapping = config.with_files(ours).to_mapping()
+        mapping = config.with_env(config.env.with_files(ours)).to_mapping()
         if "pieces" in mapping:
             mapping["pieces"] = [self._relative(piece) for piece in mapping["pieces"]]
         write_yaml(self.config_file, mapping)
@@ -329,7 +329,7 @@ class RunFolder:
 
     def _write(self, config: RunConfig) -> None:
         notes, library = provenance(config.seed), Library()
-        for option, text in config.files.items():
+        for option, text in config.env.files.items():
             file = Path(text)
             if option == MODEL:
                 file = Path(file, HAND_FILE) if os.path.isdir(file) else file
@@ -340,7 +340,7 @@ class RunFolder:
             notes[f"{option}_file"] = _origin(option, file)
             copy = self.hand_file if option == MODEL else self.path / f"{option}{file.suffix}"
             write_bytes(copy, read_file(file, _MOST_BYTES))
-            config = config.with_files({option: str(copy)})
+            config = config.with_env(config.env.with_files({option: str(copy)}))
         self.write_provenance(notes)
         self.write_config(config)
 

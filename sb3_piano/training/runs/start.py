@@ -87,7 +87,7 @@ class StartFromRun(BaseCallback):
             config = run.read_config()
             if not self._with_entropy and getattr(self.model, _ENTROPY, None) is None:
                 raise without_learnt_entropy(type(self.model))
-            if not isinstance(config, RunConfig) or config.algorithm is not type(self.model):
+            if config.algorithm is not type(self.model):
                 raise ConfigError(
                     f"Run '{run.path}' is of {config.algo!r}, this training of "
                     f"{type(self.model).__name__}: expected a run of the same algorithm."
@@ -246,11 +246,6 @@ def load_start(
     """
     folder = RunFolder.open(run)
     config = folder.read_config()
-    if not isinstance(config, RunConfig):
-        raise ConfigError(
-            f"Run '{folder.path}' plays by {config.algo!r} without any training: expected one that "
-            "'sb3-piano train' made."
-        )
     start = start_plugin(folder.path, with_buffer)
     given = overrides.pop("env_kwargs", {})
     another = env_id is not None and registered_id(env_id)[1] != config.env_id

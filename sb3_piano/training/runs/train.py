@@ -32,7 +32,7 @@ from sb3_piano.policies import sparing_updates
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
-from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.playing.player import keep_base
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder
@@ -155,8 +155,6 @@ def resume(
         )
     with _owned(run):
         config = run.read_config()
-        algorithm_class(config.algo)  # what is not trained is told before anything is done
-        assert isinstance(config, RunConfig), "all else is not trained"
         expected = {"algo": algo, "env_id": None if env_id is None else registered_id(env_id)[1]}
         for name, actual in config.labels.items():
             if expected[name] not in (None, actual):

@@ -2,7 +2,8 @@
 
 from tempfile import mkdtemp
 
-from sb3_piano.training import Picture, play_score
+from sb3_piano.training.playing.takes import play_score
+from sb3_piano.viewing import Picture
 
 PIECE = "CMajorChordProgressionTwoHands"
 

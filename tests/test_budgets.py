@@ -32,13 +32,13 @@ LINES = {
     "lab": 5_800,
     "metrics": 1_100,
     "music": 8_760,
-    "pipelines": 1_550,
+    "pipelines": 1_352,
     "planning": 3_340,
     "players": 1_700,
     "policies": 1_580,
     "reading": 930,
     "simulation": 1_200,
-    "training": 6_180,
+    "training": 6_055,
     "tuning": 2_330,
     "vec_env": 490,
     "viewing": 2_330,
@@ -49,11 +49,11 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`, `parameters`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 5_150
+LONG_WORK_LINES = 4_707
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_290, "modules": 325, "names": 358},
+    "core": {"lines": 49_194, "modules": 325, "names": 341},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
     "tests": {"lines": 42_500},
 }

@@ -21,7 +21,8 @@ from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.files import write_json
-from sb3_piano.training import TrainResult, evaluate, load_config, resume, train
+from sb3_piano.training import evaluate, load_config, resume, train
+from sb3_piano.training.runs.train import TrainResult
 
 HERE = Path(__file__).parent
 KNOWN, UNSEEN = "repertoire-PathetiqueRondo", "repertoire-FantaisieImpromptu"

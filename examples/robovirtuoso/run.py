@@ -28,7 +28,8 @@ from sb3_piano.pipelines import training as training_job
 from sb3_piano.pipelines.training import TrainingJob
 from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
-from sb3_piano.training import EnvSpec, RunFolder, evaluate_runs
+from sb3_piano.training import EnvSpec, RunFolder
+from sb3_piano.training.evaluation.evaluate import evaluate_runs
 
 
 def main() -> int:

@@ -15,7 +15,8 @@ from pathlib import Path
 from cells import HERE, Cell
 
 from sb3_piano.files import write_text
-from sb3_piano.training import RunFolder, training_curves
+from sb3_piano.training import RunFolder
+from sb3_piano.training.evaluation.report import training_curves
 
 KEPT = HERE / "results.json"
 

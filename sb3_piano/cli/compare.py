@@ -21,8 +21,7 @@ from sb3_piano.cli.evaluate import label, rounded
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sb3_piano.training import Comparison
-    from sb3_piano.training.evaluation.comparison import MetricComparison
+    from sb3_piano.training.evaluation.comparison import Comparison, MetricComparison
 
 _BY_HELP = (
     "pair the means of each piece (default), or those of each seed of a piece: of the evaluation, "

@@ -30,7 +30,7 @@ from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, Definition, has_value
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sb3_piano.training import Evaluation, Evaluations
+    from sb3_piano.training.evaluation.evaluations import Evaluation, Evaluations
 
 _MOST_FILES_LISTED = 5
 _REPETITION = (
@@ -103,7 +103,7 @@ def _with_unit(text: str, unit: str) -> str:
 def _evaluate(arguments: argparse.Namespace) -> int:
     from sb3_piano.players import TreeSettings
     from sb3_piano.settings import refuse_unknown
-    from sb3_piano.training import evaluate_runs
+    from sb3_piano.training.evaluation.evaluate import evaluate_runs
 
     players = arguments.runs
     if arguments.tree is not None:
@@ -152,7 +152,7 @@ def _show(found: Evaluations, metrics: list[str] | None) -> None:
     if not others and not found.failures:
         _show_one(first, metrics)
         return
-    from sb3_piano.training import MAIN_METRICS
+    from sb3_piano.training.evaluation.comparison import MAIN_METRICS
 
     parent = _common_parent(found.evaluations)
     if str(parent) != ".":

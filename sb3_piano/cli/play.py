@@ -311,7 +311,8 @@ def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from sb3_piano.training import write_piece_report, write_report
+    from sb3_piano.training import write_report
+    from sb3_piano.training.evaluation.report import write_piece_report
 
     check_output_file("--out", arguments.out)
     is_run = os.path.isdir(arguments.what)

@@ -22,7 +22,8 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import DEFAULT_ALGORITHM
 
 if TYPE_CHECKING:
-    from sb3_piano.training import RunConfig, TrainResult
+    from sb3_piano.training import RunConfig
+    from sb3_piano.training.runs.train import TrainResult
 
 _PIECES_HELP = (
     "play several: names, files, patterns such as 'scale-*', collections, or lists of these in "

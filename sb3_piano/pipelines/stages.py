@@ -172,7 +172,7 @@ class Curriculum:
     """
 
     algo: str
-    """Name of the algorithm, one of :data:`~sb3_piano.training.ALGORITHMS`."""
+    """Name of the algorithm, one of :data:`~sb3_piano.training.configuration.names.ALGORITHMS`."""
     stages: Annotated[tuple[Stage, ...], MinLen(1)]
     """The stages in their order."""
     name: str = "curriculum"

@@ -13,8 +13,8 @@ import optuna
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import dump_yaml, write_text
 from sb3_piano.metrics import DEFINITIONS
-from sb3_piano.training import entry_config
 from sb3_piano.training.configuration.names import full_name, import_name, is_dotted, registered_id
+from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.tuning.space import with_settings
 from sb3_piano.tuning.study import StudyConfig, StudyFolder

@@ -20,7 +20,8 @@ from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.callbacks.metric_eval import MOST_PIECES
 from sb3_piano.exceptions import RunError, no_memory
 from sb3_piano.interrupts import StopRequest, stop_on_signal
-from sb3_piano.training import RunConfig, RunFolder, entry_config, evaluate, train
+from sb3_piano.training import RunConfig, RunFolder, evaluate, train
+from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.tuning import trials
 from sb3_piano.tuning.space import with_settings
 from sb3_piano.tuning.study import METRICS, OBJECTIVES, StudyConfig, StudyFolder

@@ -24,7 +24,7 @@ from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
 from sb3_piano.registration import ENTRY_POINT
 from sb3_piano.settings import NotNegative, Number, Positive, Share, Unit, checked, number_in
-from sb3_piano.training import Plugin, RunConfig, entry_config
+from sb3_piano.training import Plugin, RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.configuration.plugins import parse_plugins
 from sb3_piano.training.configuration.values import (
@@ -32,7 +32,7 @@ from sb3_piano.training.configuration.values import (
     linear_start,
     parameters_of,
 )
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import entry_config, read_yaml_mapping
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.tuning.parameters import Parameter, parse_parameter
 

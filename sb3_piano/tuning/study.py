@@ -28,8 +28,9 @@ from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import Place
 from sb3_piano.settings import Count, Index, Positive, settings
-from sb3_piano.training import RunConfig, entry_config
+from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
+from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.tuning.space import Space, with_defaults
 
 _Sampler = Literal["tpe", "cmaes", "gp", "random"]

@@ -12,7 +12,7 @@ from acting import LOUD, STILL
 from sb3_piano.cli import main
 from sb3_piano.cli.evaluate import _several_runs_table, rounded
 from sb3_piano.metrics import FINGER_SHARES
-from sb3_piano.training import evaluate_runs
+from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.statistics import summarize
 
 

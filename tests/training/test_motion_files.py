@@ -10,7 +10,8 @@ from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.difficulty import read_motion
-from sb3_piano.training import evaluate, evaluate_runs
+from sb3_piano.training import evaluate
+from sb3_piano.training.evaluation.evaluate import evaluate_runs
 
 PIECE = "debug-CMajorScaleOneHand"
 

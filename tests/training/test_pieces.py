@@ -25,11 +25,11 @@ from sb3_piano.training import (
     RunFolder,
     compare,
     evaluate,
-    evaluate_runs,
     export_run,
     resume,
     train,
 )
+from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 PIANO = "RoboPianist-v0"

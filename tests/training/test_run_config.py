@@ -10,8 +10,8 @@ from stable_baselines3.common.buffers import ReplayBuffer
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score
-from sb3_piano.training import ALGORITHMS, Plugin, RunConfig
-from sb3_piano.training.configuration.names import algorithm_class
+from sb3_piano.training import Plugin, RunConfig
+from sb3_piano.training.configuration.names import ALGORITHMS, algorithm_class
 from sb3_piano.training.runs.builders import build_vec_env
 
 WRAPPER = "gymnasium.wrappers.RescaleAction"

@@ -13,7 +13,8 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training import ALGORITHMS, OpenPlayer, RunConfig, evaluate, resume, train
+from sb3_piano.training import OpenPlayer, RunConfig, evaluate, resume, train
+from sb3_piano.training.configuration.names import ALGORITHMS
 from sb3_piano.training.playing.player import write_player
 from sb3_piano.training.runs.saved import model_files
 

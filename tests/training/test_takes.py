@@ -14,8 +14,9 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
 from sb3_piano.simulation import find_gl_backend
-from sb3_piano.training import OpenPlayer, Picture, play_run, play_score
-from sb3_piano.training.playing.takes import take_of, take_of_score
+from sb3_piano.training import OpenPlayer, play_run
+from sb3_piano.training.playing.takes import play_score, take_of, take_of_score
+from sb3_piano.viewing import Picture
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 

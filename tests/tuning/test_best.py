@@ -26,8 +26,8 @@ from stable_baselines3 import SAC
 
 from sb3_piano.cli import main
 from sb3_piano.hyperparams import PRESETS
-from sb3_piano.training import entry_config, load_config
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training import load_config
+from sb3_piano.training.configuration.yaml_files import entry_config, read_yaml_mapping
 from sb3_piano.tuning.best import (
     best_entry,
     write_best,

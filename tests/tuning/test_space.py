@@ -14,7 +14,8 @@ import yaml
 from sb3_piano.envs import DEBUG_IDS, DEFAULT_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
-from sb3_piano.training import ALGORITHMS, load_entry
+from sb3_piano.training import load_entry
+from sb3_piano.training.configuration.names import ALGORITHMS
 from sb3_piano.tuning.space import (
     SPACES,
     Space,

@@ -7,7 +7,7 @@ import copy
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training import entry_config
+from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.tuning.space import MISSING, setting_at, with_defaults, with_settings
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"

@@ -61,7 +61,7 @@ class RunConfig:
     """
 
     algo: str
-    """Name of the algorithm, one of :data:`~sb3_piano.training.ALGORITHMS`."""
+    """Name of the algorithm, one of :data:`~sb3_piano.training.configuration.names.ALGORITHMS`."""
     env_id: str
     """Id of the environment; ``module:Id`` imports the module that registers it."""
     env_module: str | None = None

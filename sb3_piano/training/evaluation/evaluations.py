@@ -132,7 +132,7 @@ class Failure:
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluations:
-    """Result of :func:`~sb3_piano.training.evaluate_runs`."""
+    """Result of :func:`~sb3_piano.training.evaluation.evaluate.evaluate_runs`."""
 
     evaluations: tuple[Evaluation, ...]
     """One for each run and piece, in the order they were asked for."""

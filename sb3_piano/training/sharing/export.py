@@ -38,7 +38,7 @@ def export_run(
     """Write a run for others to play: settings, weights, a card, a video, in plain files.
 
     The new folder has no pickles, and its settings name only classes of
-    :data:`~sb3_piano.training.KNOWN_PACKAGES`, so that loading it runs no code of it. It is
+    ``KNOWN_PACKAGES``, so that loading it runs no code of it. It is
     evaluated, played and reported on like the run, with the same result to the last bit; it cannot
     be trained on. Whatever ends this early leaves no folder,
     but for a kill, after which the same call makes it anew.

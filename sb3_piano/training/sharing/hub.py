@@ -28,7 +28,7 @@ def load_player(folder: str | os.PathLike[str], **options: Any) -> OpenPlayer:
     """Return the player of an exported run, without running any code of its folder.
 
     Nothing is unpickled, and its settings may name only classes of
-    :data:`~sb3_piano.training.KNOWN_PACKAGES`. Of a run of one's own, with ``model.zip``, use
+    ``KNOWN_PACKAGES``. Of a run of one's own, with ``model.zip``, use
     :meth:`~sb3_piano.training.OpenPlayer.open`.
 
     Args:

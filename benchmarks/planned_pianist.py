@@ -41,7 +41,7 @@ from sb3_piano.music import BUILT_IN
 from sb3_piano.planning import forget_plans
 from sb3_piano.training import OpenPlayer
 from sb3_piano.training.playing.player import stage_for
-from sb3_piano.training.playing.takes import played_take
+from sb3_piano.training.playing.takes import take_of
 
 COLUMNS: Mapping[str, str] = {
     "planned": "planned",
@@ -82,19 +82,19 @@ def measure(piece: str, column: str) -> dict[str, object]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PlanWarning)
         with OpenPlayer.open(COLUMNS[column], score=piece) as player:
-            take, played = played_take(player, on_step)
+            take = take_of(player, on_step)
     clock.append(time.perf_counter())
     told = [str(warning.message) for warning in caught if warning.category is PlanWarning]
     return {
         "piece": piece,
         "column": column,
-        **{name: f"{played.metrics[name]:.4f}" for name in METRICS},
+        **{name: f"{take.metrics[name]:.4f}" for name in METRICS},
         "planning": f"{clock[1] - clock[0]:.2f}",
         "playing": f"{clock[2] - clock[1]:.2f}",
         "cpu": f"{time.process_time() - start:.2f}",
-        "music": f"{take.performance.roll.duration:.2f}",
+        "music": f"{take.piano.roll.duration:.2f}",
         "problem": " ".join(dict.fromkeys(told)),
-        **losses(take.performance.losses()),
+        **losses(take.piano.losses()),
     }
 
 

@@ -18,9 +18,10 @@ import numpy as np
 from PIL import Image
 
 from sb3_piano.music import load_score, write_midi
+from sb3_piano.take import Take
 from sb3_piano.training import OpenPlayer
-from sb3_piano.training.playing.takes import played_take
-from sb3_piano.viewing import PerformanceRenderer, Picture, Take, View, moments, write_take
+from sb3_piano.training.playing.takes import take_of
+from sb3_piano.viewing import PerformanceRenderer, Picture, View, moments, write_take
 
 PIECE, TITLE, SECONDS = "BachMinuetG", "Petzold: Minuet in G", 8.0
 WIDTH, FPS, COLORS = 640, 10, 96
@@ -35,8 +36,8 @@ def main() -> None:
         folder = Path(name)
         write_midi(load_score(PIECE).excerpt(0.0, SECONDS), folder / f"{TITLE}.mid")
         with OpenPlayer.open("sampling:samples=32", score=folder / f"{TITLE}.mid") as player:
-            take, played = played_take(player)
-        print(f"F1 {played.metrics['f1']:.3f}, onset F1 {played.metrics['onset_f1']:.3f}")
+            take = take_of(player)
+        print(f"F1 {take.metrics['f1']:.3f}, onset F1 {take.metrics['onset_f1']:.3f}")
         write_animation(take, folder)
     write_views(take)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.players import TreeSettings
 from sb3_piano.training import OpenPlayer
-from sb3_piano.training.playing.takes import played_take
+from sb3_piano.training.playing.takes import take_of
 from sb3_piano.viewing import Picture, View, write_take
 
 FOLDER = Path(__file__).with_name("gallery")
@@ -67,13 +67,13 @@ def main() -> None:
             piece = Path(name, f"{clip.title}.mid")
             write_midi(load_score(clip.piece).excerpt(0.0, SECONDS), piece)
             with OpenPlayer.open(clip.player, score=piece) as player:
-                take, played = played_take(player)
+                take = take_of(player)
             picture = Picture(width=480, height=270, view=clip.view)
             files = write_take(take, Path(name, clip.name), picture)
             if files.video is None:
                 raise SystemExit(f"No picture can be drawn here: {files.problem}")
             file = Path(shutil.copy(files.video, FOLDER))
-        scores = f"F1 {played.metrics['f1']:.3f}, onset F1 {played.metrics['onset_f1']:.3f}"
+        scores = f"F1 {take.metrics['f1']:.3f}, onset F1 {take.metrics['onset_f1']:.3f}"
         print(f"{file}: {scores}, {file.stat().st_size / 1e6:.2f} MB", flush=True)
 
 

@@ -19,29 +19,29 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_785,
+    "base": 2_035,
     "batch": 1_800,
     "buffers": 660,
     "callbacks": 2_770,
-    "cli": 3_140,
-    "demonstrations": 1_550,
+    "cli": 3_170,
+    "demonstrations": 1_505,
     "envs": 3_300,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 1_030,
     "lab": 5_800,
     "metrics": 1_100,
-    "music": 8_760,
+    "music": 8_640,
     "pipelines": 1_352,
     "planning": 3_340,
     "players": 1_700,
     "policies": 1_580,
     "reading": 930,
     "simulation": 1_200,
-    "training": 6_055,
+    "training": 6_105,
     "tuning": 2_330,
     "vec_env": 490,
-    "viewing": 2_330,
+    "viewing": 2_290,
     "wrappers": 2_050,
 }
 
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 4_707
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_194, "modules": 325, "names": 341},
+    "core": {"lines": 49_345, "modules": 326, "names": 340},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_500},
+    "tests": {"lines": 42_585},
 }
 
 

@@ -42,6 +42,7 @@ ROOMS = [
     "reading",
     "metrics",
     "performance",
+    "take",
     "viewing",
     "envs",
     "planning",

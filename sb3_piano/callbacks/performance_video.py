@@ -21,7 +21,8 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.links import make_folder
 from sb3_piano.players.rollout import rollout
 from sb3_piano.settings import Positive, Unit, checked
-from sb3_piano.viewing import Picture, Take, View, write_take
+from sb3_piano.take import Take
+from sb3_piano.viewing import Picture, View, write_take
 
 
 class PerformanceVideoCallback(OwnEnvCallback):
@@ -89,7 +90,6 @@ class PerformanceVideoCallback(OwnEnvCallback):
                 f"There is no performance to record in {env_name(venv)}: expected a piano "
                 "environment."
             )
-        self._scene = piano.scene
         make_folder(self._folder)
 
     def _on_step(self) -> bool:
@@ -103,10 +103,7 @@ class PerformanceVideoCallback(OwnEnvCallback):
         assert self._own_env is not None, "a training is on"
         sync_normalization(self.model, self._own_env)
         with preserve_random_state(self.model, self._seed):
-            recording = next(rollout(self.model, self._own_env, seed=self._seed))
-        assert recording.performance is not None, "it is a piano"
-        assert recording.motion is not None, "it is a piano"
-        return Take.of(self._scene, recording.performance, recording.motion.qpos)
+            return next(rollout(self.model, self._own_env, seed=self._seed))
 
     def _record(self, env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
         """Put a recorder around the environment inside, and a limit to what is played."""

@@ -30,8 +30,9 @@ from sb3_piano.exceptions import ConfigError
 if TYPE_CHECKING:
     from sb3_piano.music import Score
     from sb3_piano.players import PlayerSpec
+    from sb3_piano.take import Take
     from sb3_piano.training import EnvSpec, OpenPlayer
-    from sb3_piano.viewing import Picture, Take
+    from sb3_piano.viewing import Picture
 
 _SCORE = "score"
 """Stands for no player: the piece is heard as it is written, while the hands rest."""
@@ -40,6 +41,10 @@ PLAYERS_HELP = (
     "file of weights; tree:64x8: before one of these looks ahead"
 )
 SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
+_WHAT = (
+    "a piece or a file; a run's folder, or hf:OWNER/NAME of the Hub; or a take, a .npz file that "
+    "play wrote"
+)
 VIEWS = ("stage", "close", "top", "roll")
 _VIEW_HELP = (
     "from behind the pianist with falling notes (the default), close to the hands and along with "
@@ -50,7 +55,11 @@ _VIEW_HELP = (
 def add_arguments(parser: Any) -> None:
     """Add the arguments of ``play``."""
     add = command(parser, _play, epilog=TRUST)
-    add("what", "PIECE|RUN", "a piece or a file; or a run's folder, or hf:OWNER/NAME of the Hub")
+    add(
+        "what",
+        "PIECE|RUN",
+        _WHAT,
+    )
     add(
         "--player",
         "PLAYER",
@@ -77,7 +86,7 @@ def add_arguments(parser: Any) -> None:
 def add_report_arguments(parser: Any) -> None:
     """Add the arguments of ``report``."""
     add = command(parser, _report, epilog=TRUST)
-    add("what", "PIECE|RUN", "a run's folder; or a file, such as MIDI, or a piece")
+    add("what", "PIECE|RUN", "a run's folder; a take; or a file, such as MIDI, or a piece")
     add("--player", "PLAYER", "let a player play the piece, as for play; default: its notes alone")
     default = "default: report.html or piano_roll.html in the folder of the run, or of the piece"
     add("--out", "FILE.html", default, Path)
@@ -185,9 +194,9 @@ def _play(arguments: argparse.Namespace) -> int:
     take, folder = _take(arguments)
     if arguments.flat and take.score is not None:
         notes = tuple(replace(n, velocity=DEFAULT_VELOCITY) for n in take.score.notes)
-        take = replace(take, score=replace(take.score, notes=notes))
+        take = replace(take, written_score=replace(take.score, notes=notes))
     if arguments.losses:
-        print_losses(take.performance.losses())
+        print_losses(take.piano.losses())
     if arguments.human:
         show_take(take, view=arguments.view)
     folder = folder if arguments.out is None else Path(arguments.out)
@@ -206,6 +215,8 @@ def _write(take: Take, folder: Path, picture: Picture | None, arguments: argpars
         played = write_take(take, folder / FILE_NAME, picture, on_frame)
     silent = "no key was pressed, so there is no MIDI file and nothing to hear"
     print(f"MIDI:  {silent if played.midi is None else played.midi}")
+    if played.take is not None:
+        print(f"Take:  {played.take}")
     print(f"Sound: {played.wav}{_loudness(take)}")
     if played.video is not None:
         print(f"Video: {played.video}")
@@ -219,7 +230,7 @@ def _loudness(take: Take) -> str:
     velocities = sorted(note.velocity for note in take.score.notes)
     if velocities[0] == velocities[-1]:
         return f" (all notes of velocity {velocities[0]})"
-    source = "as struck" if take.mark_sounding else "as written"
+    source = "as struck" if take.judged else "as written"
     return f" (velocities {velocities[0]} to {velocities[-1]}, {source})"
 
 
@@ -235,7 +246,8 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     """Let a player play; return that, and the folder that it belongs into."""
     from sb3_piano.music import load_score
-    from sb3_piano.training.playing.takes import default_folder, take_of_score
+    from sb3_piano.take import Take
+    from sb3_piano.training.playing.takes import default_folder, folder_of, take_of_score
     from sb3_piano.training.sharing.hub import exported_folder, is_on_hub
 
     if is_on_hub(arguments.what):
@@ -248,9 +260,19 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         written = load_score(arguments.what, arguments.parts or ())
         take = take_of_score(written, physics=arguments.physics or "reference")
         return take, default_folder(None, written)
+    if _is_take(arguments.what):
+        others = ("player", "planned", *_FORMER, "reduced", "score", "parts", "set", "seed")
+        reason = f"with the take '{arguments.what}', which was played."
+        refuse_options(arguments, (*others, "physics", "best", "tree"), reason)
+        take = Take.read(arguments.what)
+        return take, folder_of(take)
     opened, score = _opened(arguments)
     with opened as player:
         return _played(player, arguments), default_folder(player, score)
+
+
+def _is_take(what: str) -> bool:
+    return str(what).endswith(".npz") and os.path.isfile(what)
 
 
 def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
@@ -282,7 +304,7 @@ def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
 
 def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:
     """Let a player play, and say who it was and how well."""
-    from sb3_piano.training.playing.takes import played_take
+    from sb3_piano.training.playing.takes import take_of
 
     reads = player.spec.name == "sight-reader"
     began = times = time.perf_counter()
@@ -293,10 +315,10 @@ def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:
             times = time.perf_counter() if done == 1 else times
             tell(description="Playing", completed=done, total=total)
 
-        take, recording = played_take(player, on_step)
+        take = take_of(player, on_step)
     if player.run is not None:
         return take
-    metrics = recording.metrics
+    metrics = take.metrics
     print(
         f"{player.spec}: F1 {metrics['f1']:.3f} (precision {metrics['precision']:.3f}, recall "
         f"{metrics['recall']:.3f}; playing nothing {metrics['noop_f1']:.3f}), onset F1 "
@@ -304,7 +326,7 @@ def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:
     )
     print(
         f"{'Read' if reads else 'Planned'} in {times - began:.1f} s, "
-        f"{take.performance.roll.duration:.1f} s of music played in "
+        f"{take.piano.roll.duration:.1f} s of music played in "
         f"{time.perf_counter() - times:.1f} s"
     )
     return take
@@ -312,11 +334,14 @@ def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:
 
 def _report(arguments: argparse.Namespace) -> int:
     from sb3_piano.training import write_report
-    from sb3_piano.training.evaluation.report import write_piece_report
+    from sb3_piano.training.evaluation.report import write_piece_report, write_take_report
 
     check_output_file("--out", arguments.out)
     is_run = os.path.isdir(arguments.what)
-    if is_run or arguments.player is not None:
+    if _is_take(arguments.what):
+        refuse_options(arguments, ("player", "physics", "best"), "with a take, which was played.")
+        path = write_take_report(arguments.what, arguments.out, replay=arguments.replay)
+    elif is_run or arguments.player is not None:
         if is_run:
             refuse_options(arguments, ["player"], f"with the run '{arguments.what}', which plays.")
         path = write_report(
@@ -330,8 +355,10 @@ def _report(arguments: argparse.Namespace) -> int:
         )
     else:
         _check_piece(arguments.what)
-        of_players = ("physics", "best", "replay")
-        refuse_options(arguments, of_players, "without --player:", "expected one, or a run.")
+        instead = "expected one, or a run."
+        refuse_options(arguments, ("physics", "best"), "without --player:", instead)
+        if arguments.replay:
+            raise ConfigError(f"--3d cannot be given without --player: {instead}")
         path = write_piece_report(arguments.what, arguments.out)
     print(f"Report: {path}")
     if arguments.open and not webbrowser.open(path.resolve().as_uri()):

@@ -146,7 +146,8 @@ def _recorded(
     paths: Sequence[Path], pieces: Mapping[str, Piece], failures: list[str]
 ) -> dict[str, MotionFeatures]:
     """Return what moved in the performances of each piece, as a mean over several."""
-    from sb3_piano.music.difficulty import mean_motion, read_motion
+    from sb3_piano.music.difficulty import mean_motion
+    from sb3_piano.take import Take
 
     by_title = {
         p.title if p.collection == _NO_COLLECTION else p.name.removeprefix(f"{p.collection}-"): name
@@ -154,16 +155,16 @@ def _recorded(
     }
     found: dict[str, list[MotionFeatures]] = defaultdict(list)
     files = ((path, path) for path in _motion_files(paths))
-    for recording in of_each(files, read_motion, failures).values():
+    for recording in of_each(files, Take.read, failures).values():
         name = recording.title if recording.title in pieces else by_title.get(recording.title)
-        if name is not None:
-            found[name].append(recording.features())
+        if name is not None and recording.motion is not None:
+            found[name].append(recording.motion.features())
     return {name: mean_motion(several) for name, several in found.items()}
 
 
 def _motion_files(paths: Sequence[Path]) -> Iterator[Path]:
     for path in paths:
-        files = sorted(path.rglob("performance_*.npz")) if os.path.isdir(path) else [path]
+        files = sorted(path.rglob("performance*.npz")) if os.path.isdir(path) else [path]
         if not files:
             raise ConfigError(
                 f"--motion '{path}' has no recorded performance: expected a folder with files that "

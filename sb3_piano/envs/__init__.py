@@ -9,8 +9,7 @@ from sb3_piano.envs.observation import ObservationSpace
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.record import EnvState as EnvState
 from sb3_piano.envs.record import Snapshot as Snapshot
-from sb3_piano.envs.recorder import EpisodeRecorder, Recording
-from sb3_piano.envs.recorder import Motion as Motion
+from sb3_piano.envs.recorder import EpisodeRecorder
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
 from sb3_piano.envs.rewards import RETURN_KEYS as RETURN_KEYS
 from sb3_piano.envs.rewards import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED_REWARD_WEIGHTS
@@ -34,5 +33,4 @@ __all__ = [
     "PianoEnv",
     "PianoEnvConfig",
     "PianoVectorEnv",
-    "Recording",
 ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
@@ -13,21 +12,7 @@ import numpy.typing as npt
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.rewards import RETURN_PREFIX
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.music.difficulty import Motion
-from sb3_piano.performance import Performance
-
-
-@dataclass(frozen=True, kw_only=True)
-class Recording:
-    """A finished episode."""
-
-    metrics: Mapping[str, float]
-    """``return``, ``length`` in steps and, of piano environments, the music metrics and the sums of
-    the reward's weighted terms, by their names in ``info``."""
-    performance: Performance | None
-    """Performance; ``None`` if the environment is no piano."""
-    motion: Motion | None
-    """Motion of the hands; ``None`` if the environment is no piano."""
+from sb3_piano.take import Motion, Take
 
 
 class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
@@ -39,7 +24,7 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
-        self.finished: list[Recording] = []
+        self.finished: list[Take] = []
         """The episodes that ended, in their order; one that a wrapper further out ended is there
         when the next one begins."""
         self.resting = False
@@ -83,7 +68,7 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         return observation, reward, terminated, truncated, info
 
     def _finish(self, info: Mapping[str, Any]) -> None:
-        self.finished.append(self._recording(info))
+        self.finished.append(self._take(info))
         self._length = 0
 
     def _note_positions(self) -> None:
@@ -92,25 +77,24 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
             self._qpos.append(env.data.qpos.copy())
             self._fingertips.append(env.scene.fingertip_position(env.data))
 
-    def _recording(self, info: Mapping[str, Any]) -> Recording:
-        played = getattr(self.unwrapped, "performance", None)
+    def _take(self, info: Mapping[str, Any]) -> Take:
+        env: Any = self.unwrapped
         metrics = {"return": self._return, "length": float(self._length)}
         returns = [name for name in info if name.startswith(RETURN_PREFIX)]
         names = (*EPISODE_METRICS, *returns)
         metrics.update({name: float(info[name]) for name in names if name in info})
-        return Recording(
-            metrics=metrics,
-            performance=played if isinstance(played, Performance) else None,
-            motion=self._motion(),
-        )
-
-    def _motion(self) -> Motion | None:
         if not self._qpos:
-            return None
-        env: Any = self.unwrapped
-        return Motion(
-            qpos=np.array(self._qpos),
-            hand_qpos=env.scene.hand_qpos,
-            fingertips=np.array(self._fingertips),
-            actions=np.array(self._actions),
+            return Take(metrics=metrics)
+        played = env.performance
+        return Take(
+            title=played.title,
+            metrics=metrics,
+            performance=played,
+            motion=Motion(
+                qpos=np.array(self._qpos),
+                hand_qpos=env.scene.hand_qpos,
+                fingertips=np.array(self._fingertips),
+                actions=np.array(self._actions),
+            ),
+            scene_options=env.scene.options,
         )

@@ -12,28 +12,21 @@ G. Walrath, "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboP
       + 0.10 z(action variance) + 0.10 z(hand motion) + 0.10 z(fingertip motion).
 
 The weights sum to 0.90, not 1; they are kept, since only the order counts. The last three features
-are those of recorded performances, which ``sb3-piano evaluate RUN --motion`` writes: NumPy archives
-(.npz) with the arrays of :class:`MotionRecording`. Without recordings D has the terms that a score
-knows, the first three and 0.10 z(hand motion), in which the way of the hands' centres along the
-keyboard stands for that of the joints.
+are those of takes, which ``sb3-piano evaluate RUN --motion`` and ``play`` write. Without takes D
+has the terms that a score knows, the first three and 0.10 z(hand motion), in which the way of the
+hands' centres along the keyboard stands for that of the joints.
 """
 
 from __future__ import annotations
 
 import itertools
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from sb3_piano.array_files import read_arrays
-from sb3_piano.arrays import Float32Array, FloatArray, IntArray
-from sb3_piano.exceptions import ConfigError, one_line
-from sb3_piano.files import write_atomically
-from sb3_piano.music.constants import NUM_FINGERS
+from sb3_piano.arrays import FloatArray
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.fingering import assign_hands
 from sb3_piano.music.fingering.ergonomic import struck_together
 from sb3_piano.music.hands import HANDS
@@ -149,111 +142,6 @@ def mean_motion(several: Sequence[MotionFeatures]) -> MotionFeatures:
     names = [field.name for field in fields(MotionFeatures)]
     means = {name: float(np.mean([getattr(one, name) for one in several])) for name in names}
     return MotionFeatures(**means)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """Everything that moved in T control steps, enough to draw it, and the actions that led to it.
-
-    Attributes:
-        actions: (T, n) float32, the action of each step, as it reached the bare environment.
-        qpos: (T + 1, nq) float64, all joint positions at the start and after each step, rad or m.
-        hand_qpos: (m,) int, where in a row of `qpos` the hands' joints stand; the others are keys.
-        fingertips: (T + 1, 10, 3) float64, world positions of the fingertips at the same times, in
-            the order of finger labels, m. Those of a hand that is not there stay where they are.
-    """
-
-    actions: Float32Array
-    qpos: FloatArray
-    hand_qpos: IntArray
-    fingertips: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MotionRecording(Motion):
-    """The motion of a performance, with the title of the piece."""
-
-    title: str
-
-    def features(self) -> MotionFeatures:
-        """Return how much moved.
-
-        Raises:
-            ConfigError: If the arrays do not fit together, or a value is not finite.
-        """
-        self._check()
-        joints = self.qpos[:, self.hand_qpos]
-        return MotionFeatures(
-            action_variance=float(np.var(self.actions, axis=0, dtype=np.float64).mean()),
-            hand_motion=float(np.abs(np.diff(joints, axis=0)).mean()),
-            fingertip_motion=float(
-                np.linalg.norm(np.diff(self.fingertips, axis=0), axis=-1).mean()
-            ),
-        )
-
-    def _check(self) -> None:
-        rows, hands = len(self.actions) + 1, self.hand_qpos
-        expected = (rows, NUM_FINGERS, 3)
-        if self.actions.ndim != 2 or self.actions.size == 0:
-            problem = f"actions have shape {self.actions.shape}: expected (T, n), T steps from 1"
-        elif self.qpos.ndim != 2 or len(self.qpos) != rows:
-            problem = f"qpos has shape {self.qpos.shape}: expected ({rows}, nq), a row more"
-        elif hands.ndim != 1 or hands.dtype.kind not in "iu" or not len(hands):
-            problem = f"hand_qpos is {hands}: expected indices of columns of qpos"
-        elif not 0 <= hands.min() <= hands.max() < self.qpos.shape[1]:
-            problem = f"hand_qpos is {hands}: expected indices of the {self.qpos.shape[1]} columns"
-        elif self.fingertips.shape != expected:
-            problem = f"fingertips have shape {self.fingertips.shape}: expected {expected}"
-        elif not all(np.isfinite(a).all() for a in (self.actions, self.qpos, self.fingertips)):
-            problem = "a value is not finite: expected numbers only"
-        else:
-            return
-        raise ConfigError(f"The recorded performance of {self.title!r} is unusable: {problem}.")
-
-
-_MOST_BYTES = 2**28
-"""Most bytes of the arrays of a recording: a control step has less than 2000."""
-
-_ARRAYS = tuple(field.name for field in fields(MotionRecording))
-
-
-def write_motion(recording: MotionRecording, path: str | os.PathLike[str]) -> None:
-    """Write a recorded performance, whole or not at all.
-
-    Raises:
-        ConfigError: If the file cannot be written.
-    """
-    path = Path(path)
-    arrays: dict[str, Any] = {name: getattr(recording, name) for name in _ARRAYS}
-    try:
-        write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
-    except OSError as error:
-        raise ConfigError(
-            f"Cannot write {str(path)!r}: {error.strerror}; expected a file in a writable folder."
-        ) from error
-
-
-def read_motion(path: str | os.PathLike[str]) -> MotionRecording:
-    """Read a recorded performance.
-
-    Raises:
-        ConfigError: If there is no such file, or it is no such recording.
-    """
-    path = Path(path)
-    if not os.path.isfile(path):
-        raise ConfigError(f"There is no recording {str(path)!r}: expected an existing .npz file.")
-    try:
-        arrays: dict[str, Any] = read_arrays(path, _ARRAYS, _MOST_BYTES)
-        if arrays["title"].ndim != 0 or arrays["title"].dtype.kind != "U":
-            raise ValueError("its title is no text")
-        recording = MotionRecording(**{**arrays, "title": str(arrays["title"])})
-        recording.features()
-    except Exception as error:  # a damaged archive surfaces as whatever zipfile and NumPy raise
-        raise ConfigError(
-            f"{str(path)!r} is no recording of a performance: {one_line(error)}. Expected a file "
-            "that 'sb3-piano evaluate RUN --motion' wrote."
-        ) from error
-    return recording
 
 
 _SCORE_WEIGHTS = {"average_polyphony": 0.25, "maximum_polyphony": 0.15, "onset_density": 0.20}

@@ -10,10 +10,11 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs import EpisodeRecorder, Recording
+from sb3_piano.envs import EpisodeRecorder
 from sb3_piano.layers import layers
 from sb3_piano.planning.policy import singles_of
 from sb3_piano.settings import Count, Index, checked
+from sb3_piano.take import Take
 from sb3_piano.threads import torch_computing
 
 if TYPE_CHECKING:
@@ -68,8 +69,8 @@ def rollout(
     resting: bool = False,
     disturb: Disturb | None = None,
     on_step: Callable[[Transition], object] = lambda transition: None,
-) -> Iterator[Recording]:
-    """Let a player play, without exploring; yield each episode when it has ended.
+) -> Iterator[Take]:
+    """Let a player play, without exploring; yield a take of each episode when it has ended.
 
     The first episode begins from the seed, and the others go on from there, as in Gymnasium. What
     is recorded is what an :class:`~sb3_piano.envs.EpisodeRecorder` among the wrappers sees; without
@@ -113,7 +114,7 @@ def _episodes(
     options: dict[str, Any] | None,
     disturb: Disturb | None,
     on_step: Callable[[Transition], object],
-) -> Iterator[Recording]:
+) -> Iterator[Take]:
     state, over = None, True
     label = None
     while True:

@@ -1,6 +1,6 @@
 """Pictures of the simulation: single ones, videos with sound, a window."""
 
-from sb3_piano.viewing.film import Take, film, moments
+from sb3_piano.viewing.film import film, moments
 from sb3_piano.viewing.frame_renderer import FrameRenderer
 from sb3_piano.viewing.human_renderer import HumanRenderer, check_screen
 from sb3_piano.viewing.moment import (
@@ -29,7 +29,6 @@ __all__ = [
     "Picture",
     "Played",
     "Progress",
-    "Take",
     "View",
     "check_screen",
     "film",

@@ -10,7 +10,8 @@ from pathlib import Path
 from sb3_piano.exceptions import RenderingError, RunError
 from sb3_piano.links import make_folder
 from sb3_piano.music import synthesize, write_midi, write_wav
-from sb3_piano.viewing.film import Take, film, moments
+from sb3_piano.take import Take
+from sb3_piano.viewing.film import film, moments
 from sb3_piano.viewing.human_renderer import HumanRenderer
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.views import Picture, View
@@ -29,6 +30,8 @@ class Played:
     """The notes; ``None`` if no key was pressed."""
     wav: Path
     """The sound."""
+    take: Path | None
+    """The take itself, which commands read; ``None`` if nobody played."""
     video: Path | None
     """The video with sound; ``None`` if it was not asked for or cannot be drawn here."""
     problem: str | None
@@ -38,7 +41,7 @@ class Played:
 def write_take(
     take: Take, base: Path, picture: Picture | None, progress: Progress | None = None
 ) -> Played:
-    """Write a take's MIDI file, then its sound, then its video, in place of former ones.
+    """Write a take's MIDI file, itself, its sound and its video, in place of former ones.
 
     Args:
         take: What to write.
@@ -50,10 +53,11 @@ def write_take(
         RunError: If the folder cannot be written.
         ScoreError: If a file cannot be written.
     """
-    midi, wav, video = (base.with_name(f"{base.name}.{kind}") for kind in ("mid", "wav", "mp4"))
+    kinds = ("mid", "wav", "mp4", "npz")
+    midi, wav, video, whole = (base.with_name(f"{base.name}.{kind}") for kind in kinds)
     try:
         make_folder(base.parent)
-        for stale in (midi, wav, video):
+        for stale in (midi, wav, video, whole):
             stale.unlink(missing_ok=True)
     except OSError as error:
         raise RunError(
@@ -61,12 +65,15 @@ def write_take(
         ) from error
     if take.score is not None:
         write_midi(take.score, midi)
+    if take.player:
+        take.write(whole)
     write_wav(wav, synthesize(take.score, at_least=take.duration))
     problem = None if picture is None else _write_video(take, video, wav, picture, progress)
     return Played(
         folder=base.parent,
         midi=None if take.score is None else midi,
         wav=wav,
+        take=whole if take.player else None,
         video=None if picture is None or problem is not None else video,
         problem=problem,
     )
@@ -81,7 +88,7 @@ def show_take(take: Take, *, view: View = "stage") -> None:
     renderer = HumanRenderer(take.scene, fps=1 / take.period, view=view)
     with contextlib.closing(renderer):
         for moment in moments(take):
-            renderer.render(take.performance.roll, "", moment)
+            renderer.render(take.piano.roll, "", moment)
             if not renderer.is_running:
                 break
 

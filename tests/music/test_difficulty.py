@@ -13,13 +13,11 @@ from sb3_piano.music.built_in import REPERTOIRE
 from sb3_piano.music.difficulty import (
     Features,
     MotionFeatures,
-    MotionRecording,
     features,
     rank,
-    read_motion,
-    write_motion,
 )
 from sb3_piano.music.fingering import without_fingers
+from sb3_piano.take import Motion, Take
 
 tables = Tables(__file__)
 
@@ -95,8 +93,7 @@ def test_polyphony_is_that_counted_on_a_fine_grid(seed):
 
 def measured(actions, joints, fingertips):
     """Features of a recording in which all joints are the hands'."""
-    return MotionRecording(
-        title="x",
+    return Motion(
         actions=actions,
         qpos=joints,
         hand_qpos=np.arange(joints.shape[-1]),
@@ -118,8 +115,7 @@ def test_motion_features_of_arrays_worked_by_hand():
 @pytest.fixture
 def recording():
     draw = np.random.default_rng(0)
-    return MotionRecording(
-        title="Für Elise",
+    return Motion(
         actions=draw.normal(size=(4, 2)).astype(np.float32),
         qpos=draw.normal(size=(5, 7)),
         hand_qpos=np.array([4, 1]),
@@ -127,41 +123,39 @@ def recording():
     )
 
 
-def test_a_recording_comes_back_from_its_file_and_counts_the_hands_joints_only(recording, tmp_path):
-    write_motion(recording, tmp_path / "performance.npz")
-    found = read_motion(tmp_path / "performance.npz")
-    assert found.title == "Für Elise"
-    for name in ("actions", "qpos", "hand_qpos", "fingertips"):
-        assert np.array_equal(getattr(found, name), getattr(recording, name)), name
-        assert getattr(found, name).dtype == getattr(recording, name).dtype, name
+def test_a_file_of_version_0_2_has_a_motion_and_counts_the_hands_joints_only(recording, tmp_path):
+    np.savez(tmp_path / "performance.npz", title="Für Elise", **vars(recording))
+    found = Take.read(tmp_path / "performance.npz")
+    assert (found.title, found.performance) == ("Für Elise", None)
+    for name, array in vars(recording).items():
+        assert np.array_equal(getattr(found.motion, name), array), name
     joints = recording.qpos[:, [4, 1]]
-    assert found.features() == measured(recording.actions, joints, recording.fingertips)
-    assert [path.name for path in tmp_path.iterdir()] == ["performance.npz"]
+    assert found.motion.features() == measured(recording.actions, joints, recording.fingertips)
 
 
 @tables("changes, message")
 def test_a_file_that_is_no_recording_is_refused(recording, tmp_path, changes, message):
-    arrays = {name: getattr(recording, name) for name in recording.__dataclass_fields__}
+    arrays = {"title": "Für Elise", **vars(recording)}
     lists = {
         name: np.array(values, dtype=int) if values == [] else values
         for name, values in changes.items()
     }
     np.savez(tmp_path / "bad.npz", **{**arrays, **lists})
-    with pytest.raises(ConfigError, match=f"bad.npz' is no recording.*{message}"):
-        read_motion(tmp_path / "bad.npz")
+    with pytest.raises(ConfigError, match=f"bad.npz' is no take.*{message}"):
+        Take.read(tmp_path / "bad.npz")
 
 
 def test_a_file_that_is_not_there_damaged_lacks_an_array_or_holds_objects_is_refused(tmp_path):
     path = tmp_path / "bad.npz"
-    with pytest.raises(ConfigError, match=r"There is no recording '.*bad.npz'"):
-        read_motion(path)
+    with pytest.raises(ConfigError, match=r"There is no take '.*bad.npz'"):
+        Take.read(path)
     path.write_bytes(b"PK\x03\x04 broken")
-    with pytest.raises(ConfigError, match="bad.npz' is no recording of a performance"):
-        read_motion(path)
-    for title, message in (("x", "actions"), (np.array({}, dtype=object), "is no recording")):
+    with pytest.raises(ConfigError, match="bad.npz' is no take"):
+        Take.read(path)
+    for title, message in (("x", "actions"), (np.array({}, dtype=object), "is no take")):
         np.savez(path, title=title)
         with pytest.raises(ConfigError, match=message):
-            read_motion(path)
+            Take.read(path)
 
 
 # The rank.

@@ -8,7 +8,7 @@ from printed import read_csv, rows_of
 from short_scores import score_of
 
 from sb3_piano.music import BUILT_IN, Score, find_piece, read_pig, write_midi
-from sb3_piano.music.difficulty import MotionRecording, features, rank, write_motion
+from sb3_piano.music.difficulty import features, rank
 from sb3_piano.music.fingering import (
     agreement,
     finger_score,
@@ -34,10 +34,11 @@ def _in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "library"))
 
 
-def recording(title, size):
-    """A performance of two steps in which everything moves by `size`."""
+def write_motion(title, size, path):
+    """Write a performance of two steps in which everything moves by `size`, as version 0.2 did."""
     steps = np.arange(3.0)[:, None]
-    return MotionRecording(
+    np.savez(
+        path,
         title=title,
         actions=np.array([[size], [-size]], dtype=np.float32),
         qpos=np.hstack([0 * steps, size * steps]),
@@ -82,7 +83,7 @@ def test_files_are_ranked_beside_pieces_with_their_recordings_and_a_bad_one_stop
 ):
     write_midi(find_piece(FAMILIAR[2]).score(), tmp_path / "chords.mid")
     (tmp_path / "bad.mid").write_bytes(b"MThd")
-    write_motion(recording("chords", 1.0), tmp_path / "chords.npz")
+    write_motion("chords", 1.0, tmp_path / "chords.npz")
     code, out, err = run("rank", FAMILIAR[0], "bad.mid", "chords.mid")
     assert (code, [row[1] for row in rows_of(out)]) == (2, [FAMILIAR[0], "chords.mid"])
     assert rows_of(out)[1][3:9] == ["16", "4.0", "4.00", "4", "4.00", "7"]
@@ -105,10 +106,10 @@ def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_o
     folder = tmp_path / "runs" / "a" / "evaluation"
     folder.mkdir(parents=True)
     # The easy piece by its short title, and played twice; the mean is what counts.
-    write_motion(recording("CMajorScaleOneHand", 4.0), folder / "performance_1.npz")
-    write_motion(recording("CMajorScaleOneHand", 6.0), folder / "performance_2.npz")
-    write_motion(recording(FAMILIAR[1], 1.0), tmp_path / "two_hands.npz")
-    write_motion(recording("a piece of one's own", 1.0), folder / "performance_3.npz")
+    write_motion("CMajorScaleOneHand", 4.0, folder / "performance_1.npz")
+    write_motion("CMajorScaleOneHand", 6.0, folder / "performance_2.npz")
+    write_motion(FAMILIAR[1], 1.0, tmp_path / "two_hands.npz")
+    write_motion("a piece of one's own", 1.0, folder / "performance_3.npz")
     code, out, err = run(
         "rank", *FAMILIAR, "--motion", "runs", "two_hands.npz", "--csv", "rank.csv"
     )
@@ -127,12 +128,12 @@ def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_o
 
 
 def test_a_damaged_recording_is_told_and_the_others_are_used(run, tmp_path):
-    write_motion(recording("CMajorScaleOneHand", 1.0), tmp_path / "good.npz")
+    write_motion("CMajorScaleOneHand", 1.0, tmp_path / "good.npz")
     (tmp_path / "bad.npz").write_bytes(b"PK")
     code, out, err = run("rank", *FAMILIAR, "--motion", "good.npz", "bad.npz")
     assert code == 2
     assert [row[1] for row in rows_of(out)] == FAMILIAR[:1]
-    assert "error: 'bad.npz' is no recording of a performance" in err
+    assert "error: 'bad.npz' is no take" in err
     (tmp_path / "empty").mkdir()
     code, _, err = run("rank", "--motion", "empty")
     assert code == 2

@@ -9,7 +9,7 @@ from acting import LOUD
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music.difficulty import read_motion
+from sb3_piano.take import Take
 from sb3_piano.training import evaluate
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 
@@ -21,8 +21,11 @@ def test_an_episode_is_written_as_it_moved(piano_run, midi_file):
     evaluation = evaluate(piano_run(LOUD).path, motion=True)
     (path,) = evaluation.motions
     assert path.name == "performance_1.npz"
-    recording = read_motion(path)
-    assert recording.title == "duet"
+    take = Take.read(path)
+    assert (take.title, take.seed) == ("duet", 0)
+    assert take.metrics == pytest.approx(evaluation.episodes[0], nan_ok=True)
+    assert take.piano.metrics()["f1"] == take.metrics["f1"]
+    recording = take.motion
 
     env = PianoEnv(str(midi_file))
     steps = len(env.roll)

@@ -28,7 +28,7 @@ from sb3_piano.players import PLAYERS, PlayerSpec
 from sb3_piano.simulation import find_gl_backend
 from sb3_piano.training import OpenPlayer, evaluate
 from sb3_piano.training.playing.player import PLANNED_IN
-from sb3_piano.training.playing.takes import played_take
+from sb3_piano.training.playing.takes import take_of
 
 TUNE = score_of(
     (0.0, 0.45, 76, 1), (0.5, 0.95, 77, 2), (0.5, 1.0, 48, 6), pedals=[(0.2, 0.6)], title="tune"
@@ -253,11 +253,11 @@ def test_all_joints_play_unless_the_reduced_action_space_is_asked_for(reduced, m
     widths = []
 
     def noted(player, on_step):
-        take, recording = played_take(player, on_step)
+        take = take_of(player, on_step)
         widths.append(take.scene.model.nu)
-        return take, recording
+        return take
 
-    monkeypatch.setattr("sb3_piano.training.playing.takes.played_take", noted)
+    monkeypatch.setattr("sb3_piano.training.playing.takes.take_of", noted)
     command = ["play", "--planned", "plain.mid", "--no-video", "--physics", "fast", *ZERO_OPTIONS]
     assert main(command) == main([*command, *reduced]) == 0
     assert widths == [44, 38]
@@ -267,10 +267,10 @@ def test_the_listener_hears_of_every_step():
     calls = []
     spec = PlayerSpec.parse("sampling:samples=1,horizon=1,nominal=none")
     with OpenPlayer.open(spec, score="plain.mid", physics="fast") as player:
-        take, recording = played_take(player, lambda done, total: calls.append((done, total)))
+        take = take_of(player, lambda done, total: calls.append((done, total)))
     roll = take.performance.roll
     assert calls == [(step, len(roll)) for step in range(1, len(roll) + 1)]
-    assert recording.metrics["length"] == len(roll)
+    assert take.metrics["length"] == len(roll)
     # Half a second to get to the first note, and a finger for each note.
     assert not roll.active[:10].any()
     assert roll.active[10].sum() == 2

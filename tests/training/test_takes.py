@@ -23,6 +23,7 @@ needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL libra
 SMALL = Picture(width=64, height=48)
 SCORE = ["play", "--player", "score"]
 FILES = ["performance.mid", "performance.mp4", "performance.wav"]
+SILENT = ["performance.npz", "performance.wav"]
 
 PIECE = Score(
     notes=[
@@ -108,7 +109,7 @@ def test_the_wav_file_lasts_as_long_as_the_pictures_or_as_the_last_note_rings(tm
 
 def test_keys_go_down_when_they_are_due_while_the_hands_rest():
     take = take_of_score(PIECE)
-    scene, roll = take.scene, take.performance.roll
+    scene, roll = take.scene, take.piano.roll
     hands = np.setdiff1d(np.arange(scene.model.nq), scene.key_qpos)
     np.testing.assert_array_equal(
         take.qpos[:, hands], np.tile(scene.model.qpos0[hands], (len(roll) + 1, 1))
@@ -117,8 +118,8 @@ def test_keys_go_down_when_they_are_due_while_the_hands_rest():
     assert not down[0].any()
     np.testing.assert_array_equal(down[1:], roll.active)
     assert down[3:6, 48 - 21].tolist() == [True, True, True]  # steps 2 to 4
-    assert take.performance.metrics()["f1"] == 1.0
-    assert take.performance.metrics()["onset_f1"] == 1.0
+    assert take.piano.metrics()["f1"] == 1.0
+    assert take.piano.metrics()["onset_f1"] == 1.0
 
 
 @pytest.mark.slow
@@ -149,7 +150,7 @@ def test_where_no_key_is_pressed_there_is_silence_and_no_midi_file(piano_run, mi
     assert played.midi is None
     assert main(["play", str(run), "--no-video"]) == 0
     assert "no key was pressed, so there is no MIDI file" in capsys.readouterr().out
-    assert names_in(run / "play") == ["performance.wav"]
+    assert names_in(run / "play") == SILENT
     rate, samples = wavfile.read(played.wav)
     assert not samples.any()
     assert len(samples) / rate == pytest.approx(26 * 0.05)  # 1.2 s: 25 steps, 26 pictures
@@ -159,11 +160,11 @@ def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
     run = piano_run(LOUD).path
     played = play_run(run, score=PIECE, picture=None)
     assert played.folder == run / "play" / "three_notes"
-    assert episode_of(run).performance.title == "duet"  # of the file, before it was copied
+    assert episode_of(run).piano.title == "duet"  # of the file, before it was copied
     take = episode_of(run, score=PIECE)
-    assert take.performance.title == "three notes"
-    assert take.performance.roll.onset.sum() == 3
-    assert len(take.qpos) == len(take.performance.roll) + 1
+    assert take.piano.title == "three notes"
+    assert take.piano.roll.onset.sum() == 3
+    assert len(take.qpos) == len(take.piano.roll) + 1
 
 
 @pytest.mark.slow
@@ -232,7 +233,7 @@ def test_a_piece_has_a_folder_by_its_title_which_stays_in_its_place(
 def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(piano_run, tmp_path, capsys):
     run = piano_run(LOUD).path
     assert main(["play", str(run), "--no-video"]) == 0
-    assert names_in(run / "play") == ["performance.mid", "performance.wav"]
+    assert names_in(run / "play") == ["performance.mid", *SILENT]
     write_midi(PIECE, tmp_path / "piece.mid")
     out = tmp_path / "out"
     assert main([*SCORE, str(tmp_path / "piece.mid"), "--no-video", "--out", str(out)]) == 0

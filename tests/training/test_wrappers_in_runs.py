@@ -21,7 +21,7 @@ from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.music.difficulty import read_motion
+from sb3_piano.take import Take
 from sb3_piano.training import (
     OpenPlayer,
     RunFolder,
@@ -181,7 +181,7 @@ def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_p
     assert titles[0] == titles[1] != titles[2]
     assert set(titles[0] + titles[2]) == set(pieces)
     evaluation = evaluate(run.path, episodes=6, seed=5, motion=True)
-    assert [read_motion(path).title for path in evaluation.motions] == titles[0]
+    assert [Take.read(path).title for path in evaluation.motions] == titles[0]
     assert f"<h1>{titles[0][0]}</h1>" in write_report(run.path, seed=5).read_text(encoding="utf-8")
 
 

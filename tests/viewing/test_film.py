@@ -9,9 +9,8 @@ import pytest
 from short_scores import score_of
 
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.simulation import find_gl_backend
-from sb3_piano.viewing import PerformanceRenderer, Picture, Take, View, film, moments
+from sb3_piano.viewing import PerformanceRenderer, Picture, View, film, moments
 
 VIEWS = typing.get_args(View)
 
@@ -32,16 +31,12 @@ def episode(**options):
     return env.unwrapped, env.finished[0], pictures
 
 
-def take_of(env, recording):
-    return Take.of(env.scene, recording.performance, recording.motion.qpos)
-
-
 @pytest.mark.slow
 @needs_gl
 @pytest.mark.parametrize("view", VIEWS)
 def test_every_picture_is_that_of_the_environments_render(view):
     env, recording, rendered = episode(render_mode="rgb_array", view=view, width=288, height=162)
-    drawn = list(film(take_of(env, recording), Picture(width=288, height=162, view=view)))
+    drawn = list(film(recording, Picture(width=288, height=162, view=view)))
     env.close()
     assert recording.performance.key_active.any()
     assert len(drawn) == len(rendered) == len(env.roll) + 1
@@ -50,7 +45,7 @@ def test_every_picture_is_that_of_the_environments_render(view):
 
 def test_moments_have_the_keys_that_are_due_and_those_that_sound():
     env, recording, _ = episode()
-    take = take_of(env, recording)
+    take = recording
     seen = list(moments(take))
     # At first the keys of the first step are due, later those of the step just played.
     assert [moment.due.tolist() for moment in seen] == [[27], [27], [27], [39], [39], []]
@@ -62,17 +57,9 @@ def test_moments_have_the_keys_that_are_due_and_those_that_sound():
     assert [moment.step for moment in seen] == list(range(len(env.roll) + 1))
     assert seen[0].f1 is None
     assert seen[-1].f1 == pytest.approx(recording.metrics["f1"])
-    unmarked = list(moments(replace(take, mark_sounding=False)))
+    unmarked = list(moments(replace(take, judged=False)))
     assert all(moment.sounding is None for moment in unmarked)
     assert all(moment.f1 is None for moment in unmarked)
-
-
-@pytest.mark.parametrize("cut", [(slice(1, None), slice(None)), (slice(None), slice(1, None))])
-def test_a_motion_that_is_not_of_the_performance_is_refused(cut):
-    env, recording, _ = episode()
-    shape = (len(env.roll) + 1, env.model.nq)
-    with pytest.raises(ConfigError, match=rf"expected \({shape[0]}, {shape[1]}\), the joint"):
-        Take.of(env.scene, recording.performance, recording.motion.qpos[cut])
 
 
 @pytest.mark.slow
@@ -88,7 +75,7 @@ def test_a_film_frees_its_drawing_context_also_if_it_is_not_watched_to_the_end(m
     monkeypatch.setattr(sys.modules[film.__module__], "PerformanceRenderer", Renderer)
     env, recording, _ = episode()
     for watched in (2, len(env.roll) + 1):
-        frames = film(take_of(env, recording), Picture(width=64, height=64))
+        frames = film(recording, Picture(width=64, height=64))
         for _ in range(watched):
             assert next(frames).shape == (64, 64, 3)
         frames.close()

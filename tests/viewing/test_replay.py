@@ -88,7 +88,7 @@ def test_without_the_player_the_message_says_how_to_get_it_before_anything_plays
 
 def test_a_piece_that_nobody_has_played_has_no_replay(capsys):
     assert main(["report", "TwinkleTwinkle", "--3d"]) == 2
-    assert "sb3-piano plan TwinkleTwinkle" in capsys.readouterr().err
+    assert "--3d cannot be given without --player" in capsys.readouterr().err
 
 
 @pytest.mark.slow

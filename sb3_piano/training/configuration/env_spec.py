@@ -111,6 +111,16 @@ class EnvSpec:
                 "as a piece: expected 'roll', or another that is the same for all."
             )
 
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the environment in JSON's types."""
+        wrappers = [{plugin.path: dict(plugin.kwargs)} for plugin in self.wrappers]
+        return {
+            "id": self.full_id,
+            "options": dict(self.options),
+            "wrappers": wrappers,
+            "pieces": list(self.pieces),
+        }
+
     @property
     def full_id(self) -> str:
         """Id of the environment, as ``module:Id`` if a module registers it."""

@@ -20,6 +20,7 @@ from sb3_piano.exceptions import RunError
 from sb3_piano.files import read_json, write_atomically, write_csv
 from sb3_piano.metrics import has_value
 from sb3_piano.settings import checked, refuse_unknown
+from sb3_piano.take import SUFFIX, Take
 from sb3_piano.training.evaluation.difference_plot import difference_plot, picture_format
 from sb3_piano.training.evaluation.statistics import (
     SignedRankTest,
@@ -319,8 +320,8 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
         return _read_file(path)
     if not os.path.isdir(path):
         raise RunError(
-            f"There is no '{path}': expected a JSON file of 'sb3-piano evaluate --json', the "
-            "folder of an evaluated run, or a folder of such runs."
+            f"There is no '{path}': expected a JSON file of 'sb3-piano evaluate --json', a take, "
+            "the folder of an evaluated run, or a folder of such runs."
         )
     runs = [RunFolder(path)]
     if not os.path.isfile(runs[0].config_file):
@@ -341,6 +342,16 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
 
 
 def _read_file(file: Path) -> list[SavedEpisodes]:
+    if file.suffix == SUFFIX:
+        take = Take.read(file)
+        return [
+            SavedEpisodes(
+                piece=take.title,
+                episode_seeds=(take.seed or 0,),
+                episodes=(take.metrics,),
+                env_kwargs=take.env.get("options", {}),
+            )
+        ]
     wanted = "expected a file that 'sb3-piano evaluate' of this version wrote."
     found = read_json(file, _OneOrSeveral, wanted)
     if not found:

@@ -20,12 +20,12 @@ from sb3_piano.jobs.folders import unwritable
 from sb3_piano.links import make_folder
 from sb3_piano.metrics import Losses
 from sb3_piano.music import Score, is_path, load_score, write_midi
-from sb3_piano.music.difficulty import write_motion
 from sb3_piano.players import PLAYERS, PlayerSpec
 from sb3_piano.settings import Count, Index, checked
+from sb3_piano.take import SUFFIX, Take
 from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.evaluation.evaluations import Evaluation, Evaluations, Failure
-from sb3_piano.training.evaluation.piece import Episode, play_piece, summaries
+from sb3_piano.training.evaluation.piece import play_piece, summaries
 from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.training.runs.folder import RunFolder
 
@@ -69,8 +69,7 @@ def evaluate(
         physics: Name of the physics profile to play on; by default the run's own.
         score: What to play in place of the run's own piece.
         best: Play the best model by this metric, such as "f1", in place of the last one.
-        motion: Also write ``evaluation/performance_<i>.npz``, how everything moved (see
-            :mod:`sb3_piano.music.difficulty`).
+        motion: Also write ``evaluation/performance_<i>.npz``, the whole take.
         on_episode: Is called after each episode.
 
     Raises:
@@ -190,7 +189,7 @@ def _as_trained(run: RunFolder, piece: str | None, pieces: Sequence[str | None])
 _Error = tuple[str | None, Exception]
 """What a run failed to play, ``None`` for its only piece, and why."""
 
-_Played = tuple[Evaluation, list[Episode]]
+_Played = tuple[Evaluation, list[Take]]
 
 _Task = tuple[str | None, Callable[[], Score | str | os.PathLike[str] | None]]
 """The name of a piece, if it has one, and what gives what is to be played in its place."""
@@ -347,14 +346,14 @@ def _with_files(played: Sequence[_Played], metrics_file: Path) -> list[Evaluatio
     numbers = itertools.count(1)
     for found, episodes in played:
         scores, motions = [], []
-        for episode, number in zip(episodes, numbers, strict=False):
+        for take, number in zip(episodes, numbers, strict=False):
             file = folder / f"performance_{number}.mid"
-            scores.append(None if episode.score is None else file)
-            if episode.score is not None:
-                write_midi(episode.score, file)
-            if episode.motion is not None:
-                motions.append(file.with_suffix(".npz"))
-                write_motion(episode.motion, motions[-1])
+            scores.append(None if take.score is None else file)
+            if take.score is not None:
+                write_midi(take.score, file)
+            if take.motion is not None:
+                motions.append(file.with_suffix(SUFFIX))
+                take.write(motions[-1])
         evaluations.append(
             dataclasses.replace(
                 found,

@@ -12,21 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from sb3_piano.envs import PianoEnv, Recording
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
 from sb3_piano.links import make_folder
 from sb3_piano.music import Score, load_score
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering import apply_fingering
-from sb3_piano.performance import Performance
 from sb3_piano.players import PlayerSpec
+from sb3_piano.take import Take
 from sb3_piano.training.playing.player import OpenPlayer, Source
-from sb3_piano.training.playing.takes import default_folder
+from sb3_piano.training.playing.takes import default_folder, folder_of
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.viewing.report import Curve, Report, report_html, score_html
-from sb3_piano.viewing.report.replay import Replay, player_script, replay_of
+from sb3_piano.viewing.report.replay import player_script, replay_of
+
+Texts = list[tuple[str, str]]
 
 
 def write_report(
@@ -56,39 +58,74 @@ def write_report(
                 f"{opened.named} has no music to show: its environment {opened.env_spec.id!r} is "
                 "no piano. Expected a run of a piano environment."
             )
-        env, (played,), baseline = opened.piano, opened.play(), opened.rest()
-        performance = played.performance
-        assert performance is not None, "a piano's episode is recorded"
+        (take,), baseline = opened.play(), opened.rest()
         given = {"--physics": physics, "--best": best, "--score": _text_of(score)}
-        facts, commands = _origin(opened, env.config.physics, seed, given, replay)
+        facts, commands = _origin(opened, opened.piano.config.physics, seed, given, replay)
+        where = take.scene_options["physics"]
         trained = f" after {opened.num_timesteps:,} steps of training" if opened.run else ""
-        report = Report(
-            performance=performance,
-            metrics=played.metrics,
-            baseline=None if baseline is None else baseline.metrics,
-            curves={} if opened.run is None else training_curves(opened.run),
-            subtitle=(
-                f"{opened.algo.upper()}{trained} · {env.config.physics} physics · seed {seed}"
-            ),
-            facts=facts,
-            commands=commands,
-            replay=None if script is None else _replay(env, performance, played, script),
+        report = _report(
+            take,
+            f"{opened.algo.upper()}{trained} · {where} physics · seed {seed}",
+            facts,
+            commands,
+            script,
         )
+        if baseline is not None:
+            report = dataclasses.replace(report, baseline=baseline.metrics)
+        if opened.run is not None:
+            report = dataclasses.replace(report, curves=training_curves(opened.run))
         own = default_folder(opened, None) if opened.run is None else opened.run.evaluation_dir
     path = own / "report.html" if out is None else Path(out)
     return _write(path, report_html(report), own_folder=out is None)
+
+
+def write_take_report(
+    file: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    replay: bool = False,
+) -> Path:
+    """Write what there is to see of a take in a file, as :func:`write_report` does of a player.
+
+    Raises:
+        ConfigError: If it is no take, or the package was installed without the player of replays.
+        RunError: If the take has a motion alone, as files of version 0.2 have.
+    """
+    script, take = player_script() if replay else None, Take.read(file)
+    facts = [
+        ("Piece", take.title),
+        ("Environment", str(take.env.get("id"))),
+        ("Player", take.player),
+        ("Seed", str(take.seed)),
+        ("Played with", _versions(take.versions)),
+    ]
+    again = ["sb3-piano", "report", os.fspath(file), *(["--3d"] if replay else [])]
+    text = f"{take.player} · seed {take.seed}"
+    report = _report(take, text, facts, [("This report", shlex.join(again))], script)
+    path = folder_of(take) / "report.html" if out is None else Path(out)
+    return _write(path, report_html(report), own_folder=out is None)
+
+
+def _report(take: Take, subtitle: str, facts: Texts, commands: Texts, script: str | None) -> Report:
+    performance, replay = take.piano, None
+    if script is not None:
+        replay = replay_of(take.scene, take.qpos, performance, take.metrics, script)
+    return Report(
+        performance=performance,
+        metrics=take.metrics,
+        baseline=None,
+        curves={},
+        subtitle=subtitle,
+        facts=facts,
+        commands=commands,
+        replay=replay,
+    )
 
 
 def _text_of(score: Source | None) -> str | None:
     if isinstance(score, Score):
         return score.title
     return None if score is None else os.fspath(score)
-
-
-def _replay(env: PianoEnv, performance: Performance, played: Recording, script: str) -> Replay:
-    motion = played.motion
-    assert motion is not None, "a piano's episode is recorded"
-    return replay_of(env.scene, motion.qpos, performance, played.metrics, script)
 
 
 def write_piece_report(name: str, out: str | os.PathLike[str] | None = None) -> Path:
@@ -157,9 +194,6 @@ def _curve(events: list[Any]) -> Curve:
         steps=np.array([event.step for event in finite], dtype=np.int64),
         values=np.array([event.value for event in finite], dtype=float),
     )
-
-
-Texts = list[tuple[str, str]]
 
 
 def _origin(

@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.demonstrations import PerturbedStart
-from sb3_piano.envs import GENERAL_ID, EpisodeRecorder, PianoEnv, Recording
+from sb3_piano.envs import GENERAL_ID, EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.files import read_file, write_bytes
 from sb3_piano.jobs.folders import unwritable
@@ -25,11 +25,13 @@ from sb3_piano.music import Score, is_path, load_score
 from sb3_piano.players import HandModel, Player, PlayerSpec, Transition, TreeSearch, rollout
 from sb3_piano.players.hand_model import SIGHT_READER, network_file
 from sb3_piano.settings import Count, Index, checked
+from sb3_piano.take import Take
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import BASE, EnvSpec
 from sb3_piano.training.runs.builders import Env, build_vec_env, one_env, refuse_other_vectors
 from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.provenance import versions
 from sb3_piano.training.runs.saved import (
     act,
     load_statistics,
@@ -80,7 +82,7 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
     bare environment inside::
 
         with OpenPlayer.open("runs/td3/RoboPianist-v0_1") as player:
-            recordings = player.play(episodes=3)
+            takes = player.play(episodes=3)
 
     :meth:`open` makes one.
     """
@@ -281,7 +283,7 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         """What messages call it."""
         return f"The player '{self.spec}'" if self.run is None else f"Run '{self.run.path}'"
 
-    def play(self, episodes: int = 1, *, seed: int | None = None) -> list[Recording]:
+    def play(self, episodes: int = 1, *, seed: int | None = None) -> list[Take]:
         """Play so many episodes from a freshly seeded environment.
 
         The seed, at least 0, is by default that of :meth:`open`.
@@ -297,14 +299,14 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         *,
         seed: int | None = None,
         on_step: Callable[[Transition], object] = lambda transition: None,
-    ) -> Iterator[Recording]:
+    ) -> Iterator[Take]:
         """Play as :meth:`play` does, each episode as it is asked for; without a number, endlessly.
 
         Whatever is played next, or a rest, ends it.
         """
         return self._rollout(episodes, seed, resting=False, on_step=on_step)
 
-    def rest(self) -> Recording | None:
+    def rest(self) -> Take | None:
         """Return an episode in which the hands rest; ``None`` if the environment is no piano."""
         if not self._recorder.can_rest:
             return None
@@ -328,17 +330,25 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _rollout(self, episodes: int | None, seed: int | None, **more: Any) -> Iterator[Recording]:
+    def _rollout(self, episodes: int | None, seed: int | None, **more: Any) -> Iterator[Take]:
         own = self.seed if seed is None else seed
         played = rollout(self.model, self._venv, episodes=episodes, seed=own, **more)
-        return map(self._titled, played)
+        return (self._noted(take, own) for take in played)
 
-    def _titled(self, recording: Recording) -> Recording:
-        performance = recording.performance
-        if performance is None or performance.title not in self._titles:
-            return recording
-        named = dataclasses.replace(performance, title=self._titles[performance.title])
-        return dataclasses.replace(recording, performance=named)
+    def _noted(self, take: Take, seed: int) -> Take:
+        """Return a take with who played where, and the title of the file that was copied."""
+        title, performance = self._titles.get(take.title, take.title), take.performance
+        if performance is not None and title != take.title:
+            performance = dataclasses.replace(performance, title=title)
+        return dataclasses.replace(
+            take,
+            title=title,
+            performance=performance,
+            player=str(self.spec),
+            env=self.env_spec.to_mapping(),
+            seed=seed,
+            versions=versions(),
+        )
 
 
 SavedPlayer = OpenPlayer

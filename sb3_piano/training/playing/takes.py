@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 from collections.abc import Callable
@@ -11,12 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sb3_piano.envs import PianoEnv, PianoEnvConfig, Recording
+from sb3_piano.envs import PianoEnv, PianoEnvConfig
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.jobs.folders import unwritable
 from sb3_piano.links import make_folder
 from sb3_piano.metrics import presses_of
 from sb3_piano.music import PianoRoll, Score, load_score
+from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.performance import Performance
 from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement
 from sb3_piano.planning.plan_file import save_plan, settings_of_plan
@@ -25,9 +27,10 @@ from sb3_piano.planning.refinement import OnStep
 from sb3_piano.players import PlayerSpec
 from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import compile_scene
+from sb3_piano.take import Motion, Take
 from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.playing.player import OpenPlayer, Source
-from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Played, Progress, Take, write_take
+from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Played, Progress, write_take
 
 FILE_NAME = "performance"
 """Name of the files, without their suffixes."""
@@ -107,6 +110,12 @@ def default_folder(player: OpenPlayer | None, score: Score | None) -> Path:
     return place / f"{_file_name(title)}{by}"
 
 
+def folder_of(take: Take) -> Path:
+    """Return where files that are made of a take are kept by default: by piece and player."""
+    by = re.sub(r"[^\w.+-]+", "-", take.player.rpartition("/")[2]).strip("-")
+    return Path("play", f"{_file_name(take.title)}-{by or 'take'}")
+
+
 def plan_file(env: EnvSpec) -> Path:
     """Return where the plan of what is played there is kept by default.
 
@@ -130,27 +139,13 @@ def take_of(player: OpenPlayer, on_step: Callable[[int, int], object] | None = N
     Raises:
         RunError: If its environment is no piano.
     """
-    return played_take(player, on_step)[0]
-
-
-def played_take(
-    player: OpenPlayer, on_step: Callable[[int, int], object] | None = None
-) -> tuple[Take, Recording]:
-    """Return an episode of a player, and its metrics; see :func:`take_of`."""
-    piano = player.piano
-    done = 0
+    piano, done = player.piano, itertools.count(1)
 
     def step(_: object) -> None:
-        nonlocal done
-        done += 1
         if on_step is not None:
-            on_step(done, len(piano.roll))
+            on_step(next(done), len(piano.roll))
 
-    (recording,) = player.episodes(1, on_step=step)
-    performance, motion = recording.performance, recording.motion
-    assert performance is not None, "a piano's episode has a performance"
-    assert motion is not None, "a piano's episode has a motion"
-    return Take.of(piano.scene, performance, motion.qpos), recording
+    return next(player.episodes(1, on_step=step))
 
 
 def take_of_score(score: Score, *, physics: str = "reference") -> Take:
@@ -169,8 +164,19 @@ def take_of_score(score: Score, *, physics: str = "reference") -> Take:
         press_finger=roll.finger,
         title=score.title,
     )
+    steps, tips = len(roll), np.zeros((len(qpos), NUM_FINGERS, 3))
+    actions = np.zeros((steps, scene.model.nu), dtype=np.float32)
+    motion = Motion(actions=actions, qpos=qpos, hand_qpos=scene.hand_qpos, fingertips=tips)
     # Green would hide the fingers' colours, and here nothing can be wrong.
-    return Take(scene=scene, performance=performance, qpos=qpos, score=score, mark_sounding=False)
+    return Take(
+        title=score.title,
+        metrics={},
+        performance=performance,
+        motion=motion,
+        scene_options=scene.options,
+        written_score=score,
+        judged=False,
+    )
 
 
 class Planned(NamedTuple):

@@ -25,15 +25,13 @@ def provenance(seed: int | None) -> dict[str, Any]:
         "seed": seed,
         "torch_threads": torch.get_num_threads(),
         "matmul_precision": torch.get_float32_matmul_precision(),
-        "versions": {
-            "sb3_piano": sb3_piano.__version__,
-            **_versions(),
-            "python": platform.python_version(),
-        },
+        "versions": versions(),
     }
 
 
 @functools.cache
-def _versions() -> dict[str, str]:
-    """Return those of the packages, whose metadata take a while to be read."""
-    return {package: importlib.metadata.version(package) for package in _PACKAGES}
+def versions() -> dict[str, str]:
+    """Return the versions of the packages, whose metadata take a while to be read."""
+    found = {package: importlib.metadata.version(package) for package in _PACKAGES}
+    python = {"python": platform.python_version()}
+    return {"sb3_piano": sb3_piano.__version__, **found, **python}

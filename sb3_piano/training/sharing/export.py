@@ -67,6 +67,8 @@ def export_run(
         with OpenPlayer.open(exported.path) as player:
             take = take_of(player) if picture and isinstance(player.env, PianoEnv) else None
         if take is not None:
-            write_take(take, exported.path / REPLAY, picture, progress).wav.unlink()
+            files = write_take(take, exported.path / REPLAY, picture, progress)
+            for file in filter(None, (files.wav, files.take)):
+                file.unlink()
         write_text(exported.card_file, card_of(exported, config, found))
     return exported

@@ -1,0 +1,95 @@
+"""A take comes back from its file with all that was played, and goes wherever a player goes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import Note, Score, read_midi, write_midi
+from sb3_piano.players import PlayerSpec, rollout
+from sb3_piano.take import Take
+from sb3_piano.training import OpenPlayer
+
+TUNE = Score(notes=[Note(onset=i / 4, offset=(i + 1) / 4, pitch=72 + i) for i in range(3)])
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_midi(TUNE, "tune.mid")
+
+
+@pytest.fixture(scope="module")
+def take(tmp_path_factory):
+    file = tmp_path_factory.mktemp("score") / "tune.mid"
+    write_midi(TUNE, file)
+    with OpenPlayer.open("sight-reader", score=file, physics="fast", seed=3) as player:
+        return player.play()[0]
+
+
+def test_a_take_comes_back_from_its_file(take):
+    take.write("take.npz")
+    found = Take.read("take.npz")
+    assert (found.title, found.player, found.seed) == ("tune", "sight-reader", 3)
+    assert found.metrics == pytest.approx(take.metrics, nan_ok=True, abs=0)
+    assert found.env["options"]["physics"] == "fast"
+    assert found.versions["mujoco"]
+    assert found.scene.options == take.scene.options
+    assert found.score == take.score
+    for mine, its in ((take.motion, found.motion), (take.piano, found.piano)):
+        for field in dataclasses.fields(mine):
+            value, other = getattr(mine, field.name), getattr(its, field.name)
+            if isinstance(value, np.ndarray):
+                assert np.array_equal(value, other, equal_nan=value.dtype.kind == "f"), field.name
+                assert value.dtype == other.dtype
+    assert found.piano.roll.equals(take.piano.roll)
+    assert found.piano.metrics() == pytest.approx(take.piano.metrics(), nan_ok=True, abs=0)
+
+
+def test_a_take_of_no_piano_has_no_file():
+    with pytest.raises(RunError, match="is of no piano"):
+        Take(metrics={"return": 1.0}).write("take.npz")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"qpos": lambda rows: rows[1:]}, "a row more"),
+        ({"qpos": lambda rows: np.hstack([rows, rows])}, r"its scene has \d+ joints"),
+        ({"performance_sustain": lambda steps: steps[1:]}, "sustain has shape"),
+        ({"performance_strike_time": lambda times: times[1:]}, "strike_time has shape"),
+        ({"roll_active": lambda keys: keys[1:]}, "Array 'finger' has shape"),
+        ({"header": lambda text: text[1:]}, "is no take"),
+    ],
+)
+def test_a_damaged_take_is_refused(take, changes, message):
+    take.write("take.npz")
+    arrays = dict(np.load("take.npz"))
+    np.savez("take.npz", **(arrays | {n: change(arrays[n]) for n, change in changes.items()}))
+    with pytest.raises(ConfigError, match=message):
+        Take.read("take.npz")
+
+
+def test_commands_take_a_take_in_place_of_a_player(capsys):
+    play = ["play", "tune.mid", "--physics", "fast", "--no-video", "--no-progress"]
+    assert main(play) == 0
+    file = "play/tune-sight-reader/performance.npz"
+    assert f"Take:  {file}" in capsys.readouterr().out
+    assert main(["play", file, "--no-video", "--no-progress", "--out", "again"]) == 0
+    assert read_midi("again/performance.mid") == read_midi("play/tune-sight-reader/performance.mid")
+    assert main(["report", file, "--out", "report.html"]) == 0
+    assert main(["compare", file, "again/performance.npz", "--metric", "f1"]) == 0
+    assert "tune" in capsys.readouterr().out
+    assert main(["play", file, "--player", "planned"]) == 2
+    assert "--player cannot be given with the take" in capsys.readouterr().err
+
+
+def test_every_roll_out_yields_takes():
+    env = PianoEnv(TUNE, physics="fast", reduced_action_space=False)
+    (take,) = rollout(PlayerSpec.parse("sight-reader").make(env), env)
+    assert take.title == TUNE.title
+    assert take.scene.options == env.scene.options
+    assert len(take.qpos) == len(take.piano) + 1

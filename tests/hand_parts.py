@@ -9,7 +9,8 @@ from sb3_piano.planning import PlanSettings
 from sb3_piano.planning.hand import Hand, resting_posture
 from sb3_piano.reading.keyboard import KeyPlaces
 from sb3_piano.reading.kinematics import HandKinematics
-from sb3_piano.simulation import SIDES, compile_scene
+from sb3_piano.simulation import compile_scene
+from sb3_piano.simulation.scene import SIDES
 
 SETTINGS = PlanSettings()
 

@@ -8,7 +8,8 @@ import pytest
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.music import Note, Score, read_midi, write_midi
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.players import PlayerSpec, rollout
 from sb3_piano.take import Take
 from sb3_piano.training import OpenPlayer

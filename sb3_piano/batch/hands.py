@@ -10,7 +10,7 @@ from sb3_piano.batch.task import KEY_TOLERANCE, Heard, Strikes, Task, closeness,
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.music.fingering.robot import KEY_Y
-from sb3_piano.simulation import SIDES
+from sb3_piano.simulation.scene import SIDES
 from sb3_piano.wrappers import HandActions, HandReward
 
 

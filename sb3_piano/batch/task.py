@@ -12,7 +12,7 @@ from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs import PianoEnvConfig, rewards
 from sb3_piano.metrics.onsets import ONSET_TICKS_PER_S, ONSET_TOLERANCE
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
-from sb3_piano.simulation import pedal_threshold
+from sb3_piano.simulation.keyboard import pedal_threshold
 from sb3_piano.simulation.scene import FAR_AWAY
 
 KEY_TOLERANCE = 0.05  # as in sb3_piano.envs.rewards

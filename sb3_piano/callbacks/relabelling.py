@@ -16,7 +16,8 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.layers import layers
 from sb3_piano.metrics import frame_f1
-from sb3_piano.music import UNKNOWN_FINGER, PianoRoll, Score
+from sb3_piano.music import PianoRoll, Score
+from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.performance import Performance
 from sb3_piano.wrappers import HindsightFlag
 from sb3_piano.wrappers.residual import Residual

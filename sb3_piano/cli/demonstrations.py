@@ -154,7 +154,7 @@ def _player(
 
 
 def _stage(arguments: argparse.Namespace, player: str) -> EnvSpec:
-    from sb3_piano.music import is_path
+    from sb3_piano.music.catalogue import is_path
     from sb3_piano.music.fingering.apply import FINGERINGS
 
     options: dict[str, Any] = {"observation": "fingers", "fingering": "ergonomic"}

@@ -25,7 +25,8 @@ from sb3_piano.cli.common import (
 )
 from sb3_piano.cli.losses import HELP, print_losses
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, Definition, has_value
+from sb3_piano.metrics import DEFINITIONS
+from sb3_piano.metrics.episode import FINGER_SHARES, Definition, has_value
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -31,7 +31,7 @@ def export_run_folder(arguments: argparse.Namespace) -> int:
     from sb3_piano.training import RunFolder, export_run
     from sb3_piano.training.evaluation.evaluate import pieces_of
     from sb3_piano.training.sharing.hub import push_to_hub
-    from sb3_piano.viewing import DEFAULT_PICTURE
+    from sb3_piano.viewing.views import DEFAULT_PICTURE
 
     count = arguments.episodes or 5
     with progress_bar(arguments, "Episodes") as tell:

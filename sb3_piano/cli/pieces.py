@@ -32,7 +32,8 @@ from sb3_piano.text import printable
 
 if TYPE_CHECKING:
     from sb3_piano.music import Note, Piece, Score
-    from sb3_piano.music.library import ImportReport, Unusable
+    from sb3_piano.music.library.importing import ImportReport
+    from sb3_piano.music.library.task import Unusable
 
 _UNITS = {
     "duration": "s",
@@ -109,7 +110,7 @@ def _list(arguments: argparse.Namespace) -> int:
     from sb3_piano.files import write_csv, write_json
     from sb3_piano.music import pieces
     from sb3_piano.music.difficulty import rank
-    from sb3_piano.music.library import piece_features
+    from sb3_piano.music.library.store import piece_features
 
     failures: list[str] = []
     measured = of_each(pieces().items(), piece_features, failures)
@@ -149,7 +150,7 @@ def _print_list(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _show(arguments: argparse.Namespace) -> int:
-    from sb3_piano.music.library import piece_features
+    from sb3_piano.music.library.store import piece_features
 
     piece = piece_of(arguments.name, arguments.parts or ())
     score = piece.score()

@@ -155,7 +155,7 @@ def stage_of(arguments: argparse.Namespace, **options: Any) -> EnvSpec:
 
 
 def _check_piece(what: str) -> None:
-    from sb3_piano.music import is_path
+    from sb3_piano.music.catalogue import is_path
 
     if is_path(what) and not os.path.exists(what):
         raise ConfigError(
@@ -171,7 +171,7 @@ def play_run(run: str, arguments: argparse.Namespace) -> int:
     """Let a run's model play, write what there is to see and hear, and return the exit status."""
     from sb3_piano.training import OpenPlayer
     from sb3_piano.training.playing.takes import default_folder, take_of
-    from sb3_piano.viewing import DEFAULT_PICTURE
+    from sb3_piano.viewing.views import DEFAULT_PICTURE
 
     with OpenPlayer.open(run) as player:
         take, folder = take_of(player), default_folder(player, None)
@@ -181,7 +181,8 @@ def play_run(run: str, arguments: argparse.Namespace) -> int:
 def _play(arguments: argparse.Namespace) -> int:
     from sb3_piano.jobs.folders import unwritable
     from sb3_piano.music.constants import DEFAULT_VELOCITY
-    from sb3_piano.viewing import check_screen, show_take
+    from sb3_piano.viewing import show_take
+    from sb3_piano.viewing.human_renderer import check_screen
 
     picture = None if arguments.no_video else _picture(arguments)
     if arguments.human:

@@ -95,7 +95,8 @@ def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[s
 
 def piece_of(text: str, parts: Sequence[str] = ()) -> Piece:
     """Return the piece of a name, or a file as one, which is read when its score is asked for."""
-    from sb3_piano.music import Piece, find_piece, is_path, load_score
+    from sb3_piano.music import Piece, find_piece, load_score
+    from sb3_piano.music.catalogue import is_path
 
     if not (parts or is_path(text)):
         return find_piece(text)
@@ -112,7 +113,7 @@ def piece_of(text: str, parts: Sequence[str] = ()) -> Piece:
 def _rank(arguments: argparse.Namespace) -> int:
     from sb3_piano.music import pieces
     from sb3_piano.music.difficulty import rank
-    from sb3_piano.music.library import piece_features
+    from sb3_piano.music.library.store import piece_features
 
     failures: list[str] = []
     named = {piece.name: piece for piece in map(piece_of, arguments.pieces)}
@@ -205,7 +206,8 @@ def _fingering(arguments: argparse.Namespace) -> int:
 
 def _judge_pieces(arguments: argparse.Namespace, failures: list[str]) -> None:
     from sb3_piano.music import BUILT_IN
-    from sb3_piano.music.fingering import Agreement, judge
+    from sb3_piano.music.fingering import Agreement
+    from sb3_piano.music.fingering.agreement import judge
 
     named = [piece_of(name) for name in arguments.pieces]
 
@@ -234,8 +236,8 @@ def _judge_pieces(arguments: argparse.Namespace, failures: list[str]) -> None:
 
 
 def _judge_folder(folder: str, arguments: argparse.Namespace, failures: list[str]) -> None:
-    from sb3_piano.music import read_pig
-    from sb3_piano.music.fingering import judge_annotated, pig_files
+    from sb3_piano.music.fingering.agreement import judge_annotated, pig_files
+    from sb3_piano.music.formats.pig import read_pig
 
     def judged(paths: Sequence[Path]) -> _Row | None:
         annotations = of_each(((path, path) for path in paths), read_pig, failures)

@@ -15,7 +15,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.settings import Number, Unit, checked
-from sb3_piano.simulation import TIP_TRAVEL
+from sb3_piano.simulation.scene import TIP_TRAVEL
 from sb3_piano.wrappers import HandActions
 
 DEFAULT_MEMORY = 0.2

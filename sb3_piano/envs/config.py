@@ -13,7 +13,7 @@ from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, SELF_ACTUATED_REWARD_
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
-from sb3_piano.simulation import physics_profile
+from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.viewing import View
 
 ObservationKind = Literal["roll", "window", "fingers", "hands"]

@@ -21,8 +21,8 @@ from sb3_piano.envs.observation import (
 )
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import MIN_PITCH, NUM_FINGERS, NUM_KEYS
-from sb3_piano.simulation import KEY_IS_BLACK, PianoScene, Simulation
+from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_FINGERS, NUM_KEYS
+from sb3_piano.simulation import PianoScene, Simulation
 
 GOAL_WIDTH = NUM_KEYS + 1
 """Numbers in one row of the goal: the keys, then the pedal."""

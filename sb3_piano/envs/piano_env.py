@@ -27,9 +27,12 @@ from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedE
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.performance import Performance
-from sb3_piano.simulation import PianoScene, Simulation, compile_scene, pedal_threshold
+from sb3_piano.simulation import PianoScene, Simulation, compile_scene
 from sb3_piano.simulation.engine import mujoco
-from sb3_piano.viewing import HumanRenderer, Moment, PerformanceRenderer
+from sb3_piano.simulation.keyboard import pedal_threshold
+from sb3_piano.viewing import PerformanceRenderer
+from sb3_piano.viewing.human_renderer import HumanRenderer
+from sb3_piano.viewing.moment import Moment
 
 Observation = npt.NDArray[np.float32]
 

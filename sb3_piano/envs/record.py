@@ -17,14 +17,9 @@ from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.rewards import RETURN_PREFIX, strike
 from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.exceptions import EnvStateError
-from sb3_piano.metrics import (
-    KeyBoxes,
-    Presses,
-    frame_f1,
-    nearest_fingers,
-    normalized_return,
-    presses_of,
-)
+from sb3_piano.metrics import Presses, frame_f1, presses_of
+from sb3_piano.metrics.episode import normalized_return
+from sb3_piano.metrics.fingers import KeyBoxes, nearest_fingers
 from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.performance import Performance

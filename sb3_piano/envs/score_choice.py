@@ -12,10 +12,10 @@ import numpy as np
 
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, SB3PianoError, ScoreError, one_line
-from sb3_piano.music import Score, find_piece, is_path, load_score
-from sb3_piano.music.catalogue import ScoreSource
-from sb3_piano.music.fingering import assign_hands
+from sb3_piano.music import Score, find_piece, load_score
+from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering, without_fingers
+from sb3_piano.music.fingering.split import assign_hands
 from sb3_piano.music.hands import Hand
 
 

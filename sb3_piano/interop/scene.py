@@ -7,7 +7,9 @@ import os
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.simulation import exact_xml, find_gl_backend, scene_parts
+from sb3_piano.simulation.compiling import scene_parts
+from sb3_piano.simulation.exact_xml import exact_xml
+from sb3_piano.simulation.gl import find_gl_backend
 
 if TYPE_CHECKING:
     from dm_control import mjcf

@@ -10,9 +10,12 @@ from typing import Any
 from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
 from sb3_piano.music.built_in import BUILT_IN
 from sb3_piano.music.formats import ACCEPTED_FILES, READERS, read_score
-from sb3_piano.music.library import PIECE_SUFFIX, PIG_PIECES, imported_pieces, read_piece
+from sb3_piano.music.library import imported_pieces
+from sb3_piano.music.library.datasets import PIG_PIECES
+from sb3_piano.music.library.piece_file import read_piece
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
+from sb3_piano.user_data import PIECE_SUFFIX
 
 ScoreSource = Score | str | os.PathLike[str]
 """Whatever :func:`load_score` makes a score of."""

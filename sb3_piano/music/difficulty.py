@@ -27,8 +27,8 @@ import numpy as np
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music.fingering import assign_hands
 from sb3_piano.music.fingering.ergonomic import struck_together
+from sb3_piano.music.fingering.split import assign_hands
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score

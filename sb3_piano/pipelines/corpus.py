@@ -43,8 +43,9 @@ from sb3_piano.jobs import Outcome, begin_or_go_on, process_pool, status
 from sb3_piano.jobs.folders import shared_folder
 from sb3_piano.links import make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.music import Score, digest, load_score, select_pieces
+from sb3_piano.music import Score, load_score, select_pieces
 from sb3_piano.music.library import Library
+from sb3_piano.music.score import digest
 from sb3_piano.players import Player, PlayerSpec
 from sb3_piano.settings import Count, Index, Listed, NotNegative, Number, Positive, Unit, settings
 from sb3_piano.threads import torch_computing

@@ -21,7 +21,7 @@ from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import NAMED
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.music import is_path
+from sb3_piano.music.catalogue import is_path
 from sb3_piano.settings import Index, Listed, Share, TextOrPath, checked, refuse_unknown, settings
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS

@@ -19,7 +19,8 @@ from sb3_piano.hyperparams import DEFAULT_ALGORITHM
 from sb3_piano.jobs import Outcome, Resources, is_empty, status
 from sb3_piano.jobs.folders import shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.music import is_path, select_pieces
+from sb3_piano.music import select_pieces
+from sb3_piano.music.catalogue import is_path
 from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, training
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, settings

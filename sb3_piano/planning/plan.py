@@ -23,7 +23,8 @@ from sb3_piano.planning.hand_plan import HandPlan, HandPlans, HandTask, plan_han
 from sb3_piano.planning.problems import Problem, problems_of
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.reading import KeyPlaces, both_hands, read_piece
-from sb3_piano.simulation import SIDES, PianoScene
+from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.scene import SIDES
 
 _DEFAULT_TIMESTEP = 0.05
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from sb3_piano.arrays import ComplexArray, FloatArray, IntArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
-from sb3_piano.simulation import SIDES, PianoScene, compile_scene
+from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.simulation.engine import mujoco
+from sb3_piano.simulation.scene import SIDES
 
 _EXACT = 1e-12  # less is rounding, of unit vectors and m
 _EVEN_STEPS = 3

@@ -50,7 +50,7 @@ def build_hand(
             RoboPianist's reduced action space does.
         gravity_compensation: Let a force balance the weight of every body of the hand.
         coupled_friction_only: Let only the middle joints of the fingers have dry friction, see
-            :class:`~sb3_piano.simulation.PhysicsProfile`.
+            :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
         playing_contacts_only: Meet only the other hand, and the keyboard with fingertips and
             middle phalanges.
         capsule_forearm: Let a capsule stand for the forearm's hull.

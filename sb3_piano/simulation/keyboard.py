@@ -41,7 +41,7 @@ def build_keyboard(
 
     Args:
         balanced: Hold idle keys by their springs alone, see
-            :class:`~sb3_piano.simulation.PhysicsProfile`.
+            :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
         rebound: Angle (rad) by which a released key may then swing past 0.
         gravity: Whether the scene has gravity, which balanced springs then balance.
         moving_keys: The lowest and the highest key that move; the others are rigid, and in the way

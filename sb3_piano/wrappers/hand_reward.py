@@ -16,7 +16,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
 from sb3_piano.settings import NotNegative, Share, checked
-from sb3_piano.simulation import SIDES
+from sb3_piano.simulation.scene import SIDES
 from sb3_piano.wrappers.piano import piano_of
 
 HAND_REWARDS = "hand_rewards"

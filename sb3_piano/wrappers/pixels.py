@@ -12,7 +12,8 @@ from gymnasium import spaces
 from sb3_piano.envs.config import PictureHeight, PictureWidth
 from sb3_piano.settings import checked
 from sb3_piano.simulation import PianoScene
-from sb3_piano.viewing import FrameRenderer, geom_colors
+from sb3_piano.viewing import FrameRenderer
+from sb3_piano.viewing.moment import geom_colors
 from sb3_piano.wrappers.piano import piano_of
 
 Camera = Literal["overview", "topdown"]

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from sb3_piano.envs.score_choice import own_score
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Score, find_piece, is_path, select_pieces
-from sb3_piano.music.catalogue import ScoreSource
+from sb3_piano.music import Score, find_piece, select_pieces
+from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.difficulty import Features, features
-from sb3_piano.music.library import piece_features
+from sb3_piano.music.library.store import piece_features
 from sb3_piano.music.selection import told_apart
 from sb3_piano.settings import Number, checked
 from sb3_piano.wrappers.piano import piano_of

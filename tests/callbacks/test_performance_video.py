@@ -14,7 +14,7 @@ from sb3_piano.callbacks import PerformanceVideoCallback
 from sb3_piano.callbacks.own_env import RunContext, hand_over
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.simulation import find_gl_backend
+from sb3_piano.simulation.gl import find_gl_backend
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 

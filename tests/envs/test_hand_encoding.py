@@ -13,7 +13,8 @@ from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import Note, Score
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.planning import PlannedPianist
-from sb3_piano.reading import HandKinematics, KeyPlaces, read_piece
+from sb3_piano.reading import KeyPlaces, read_piece
+from sb3_piano.reading.kinematics import HandKinematics
 
 # The right thumb plays C4 twice, with E4 in between by the middle finger, and goes far up; the left
 # index finger holds a black key. Steps are 0.05 s, after ten of silence.

@@ -22,7 +22,8 @@ from sb3_piano.envs import (
 from sb3_piano.exceptions import UnknownPieceError
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score
 from sb3_piano.music.built_in import ENCORE
-from sb3_piano.music.library import PIG_PIECES, Library
+from sb3_piano.music.library import Library
+from sb3_piano.music.library.datasets import PIG_PIECES
 
 # Pieces of every kind, short enough to be played to their ends.
 SAMPLE = (

@@ -10,7 +10,7 @@ from short_scores import score_of
 
 from sb3_piano.envs import ENV_IDS, PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, ScoreError
-from sb3_piano.simulation import find_gl_backend
+from sb3_piano.simulation.gl import find_gl_backend
 
 OPTIONS = {"physics": "fast", "randomize_hand_positions": True}
 AUTORESET = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]

@@ -6,7 +6,8 @@ import pytest
 from tables import Tables
 
 from sb3_piano.envs import RETURN_KEYS
-from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS, has_value
+from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS
+from sb3_piano.metrics.episode import has_value
 
 tables = Tables(__file__)
 

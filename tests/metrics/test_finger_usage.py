@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tables import Tables
 
-from sb3_piano.metrics import (
+from sb3_piano.metrics.fingers import (
     KeyBoxes,
     effective_fingers,
     finger_shares,

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from tables import Tables
 
-from sb3_piano.metrics import frame_f1, frame_scores, non_silent_f1
+from sb3_piano.metrics import frame_f1, frame_scores
+from sb3_piano.metrics.frames import non_silent_f1
 
 tables = Tables(__file__)
 

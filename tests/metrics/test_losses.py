@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sb3_piano.metrics import DUE_KINDS, WRONG_KINDS, Losses, losses_of, shares_of
+from sb3_piano.metrics import Losses, losses_of
+from sb3_piano.metrics.losses import DUE_KINDS, WRONG_KINDS, shares_of
 
 C, C_SHARP, D, E, F = 3, 4, 5, 7, 8  # the lowest octave: A0 is key 0
 

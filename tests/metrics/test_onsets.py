@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from sb3_piano.metrics import Onsets, match_onsets, onset_f1, onset_scores, onsets_of, timing_error
+from sb3_piano.metrics import Onsets, match_onsets, onset_f1, onset_scores, onsets_of
+from sb3_piano.metrics.onsets import timing_error
 
 
 def onsets(*strikes):

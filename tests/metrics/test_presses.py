@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sb3_piano.metrics import presses_of, wrong_presses, wrong_presses_per_second
+from sb3_piano.metrics import presses_of
+from sb3_piano.metrics.presses import wrong_presses, wrong_presses_per_second
 
 
 def keys_of(text):

@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 from short_scores import score_of
 
-from sb3_piano.metrics import (
-    EPISODE_METRICS,
-    FINGER_SHARES,
-    Onsets,
-    episode_metrics,
-    fingering_agreement,
-    frame_scores,
-    normalized_return,
-    wrong_presses,
-)
+from sb3_piano.metrics import EPISODE_METRICS, Onsets, episode_metrics, frame_scores
+from sb3_piano.metrics.episode import FINGER_SHARES, normalized_return
+from sb3_piano.metrics.fingers import fingering_agreement
+from sb3_piano.metrics.presses import wrong_presses
 from sb3_piano.music import PianoRoll
 
 DT = 0.05

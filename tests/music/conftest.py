@@ -3,7 +3,8 @@
 import pytest
 
 from sb3_piano.cli import main
-from sb3_piano.music.library import DATA_VARIABLE, Library
+from sb3_piano.music.library import Library
+from sb3_piano.user_data import DATA_VARIABLE
 
 
 @pytest.fixture(autouse=True)

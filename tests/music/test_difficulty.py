@@ -8,7 +8,6 @@ from short_scores import score_of
 from tables import Tables
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import major_scale
 from sb3_piano.music.built_in import REPERTOIRE
 from sb3_piano.music.difficulty import (
     Features,
@@ -17,6 +16,7 @@ from sb3_piano.music.difficulty import (
     rank,
 )
 from sb3_piano.music.fingering import without_fingers
+from sb3_piano.music.studies.debug import major_scale
 from sb3_piano.take import Motion, Take
 
 tables = Tables(__file__)

@@ -9,9 +9,9 @@ from short_scores import score_of
 from tables import Tables
 
 from sb3_piano.music import BUILT_IN
-from sb3_piano.music.fingering import assign_hands, without_fingers
+from sb3_piano.music.fingering import without_fingers
 from sb3_piano.music.fingering.hand_search import search
-from sb3_piano.music.fingering.split import _Pianist
+from sb3_piano.music.fingering.split import _Pianist, assign_hands
 
 tables = Tables(__file__)
 

@@ -10,7 +10,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score
 from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
-from sb3_piano.music.studies import HANON
+from sb3_piano.music.studies.hanon import HANON
 
 tables = Tables(__file__)
 

@@ -11,8 +11,9 @@ from tables import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import read_midi, write_musicxml
 from sb3_piano.music.fingering import finger_score
+from sb3_piano.music.formats.midi_reading import read_midi
+from sb3_piano.music.formats.musicxml.write import write_musicxml
 from sb3_piano.music.library import Library, import_path
 from sb3_piano.music.library.piece_file import write_piece
 from sb3_piano.music.library.task import ImportTask, run_tasks

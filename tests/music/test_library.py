@@ -14,14 +14,9 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.music import BUILT_IN, find_piece, load_score
 from sb3_piano.music.difficulty import features
-from sb3_piano.music.library import (
-    DATA_VARIABLE,
-    Library,
-    imported_pieces,
-    piece_features,
-    pieces_folder,
-)
-from sb3_piano.music.library.store import check_name, is_built_in, slug
+from sb3_piano.music.library import Library, imported_pieces
+from sb3_piano.music.library.store import check_name, is_built_in, piece_features, slug
+from sb3_piano.user_data import DATA_VARIABLE, pieces_folder
 
 tables = Tables(__file__)
 

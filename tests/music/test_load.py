@@ -4,7 +4,8 @@ import pytest
 from short_scores import score_of
 
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import BUILT_IN, load_score, shown_title, write_midi, write_score
+from sb3_piano.music import BUILT_IN, load_score, write_midi, write_score
+from sb3_piano.music.catalogue import shown_title
 
 SCORE = score_of((0, 1, 60), title="piece")
 

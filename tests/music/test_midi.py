@@ -7,7 +7,8 @@ from short_scores import note_of as note
 from tables import Tables
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import Note, Pedal, Score, load_score, read_midi, write_midi
+from sb3_piano.music import Note, Pedal, Score, load_score, write_midi
+from sb3_piano.music.formats.midi_reading import read_midi
 
 tables = Tables(__file__)
 

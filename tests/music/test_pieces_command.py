@@ -11,9 +11,11 @@ from short_scores import save_tune as save
 from short_scores import score_of
 from tables import Tables
 
-from sb3_piano.music import BUILT_IN, load_score, pieces, read_midi, read_pig
+from sb3_piano.music import BUILT_IN, load_score, pieces
 from sb3_piano.music.catalogue import of_collection
 from sb3_piano.music.difficulty import features
+from sb3_piano.music.formats.midi_reading import read_midi
+from sb3_piano.music.formats.pig import read_pig
 from sb3_piano.music.library import Library
 
 tables = Tables(__file__)

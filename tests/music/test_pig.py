@@ -4,8 +4,9 @@ from random_scores import FINGERS, HANDS, scores
 from tables import Tables
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
-from sb3_piano.music import Note, Score, read_pig
+from sb3_piano.music import Note, Score
 from sb3_piano.music.formats import write_pig
+from sb3_piano.music.formats.pig import read_pig
 
 tables = Tables(__file__)
 

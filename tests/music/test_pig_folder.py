@@ -10,10 +10,11 @@ from short_scores import score_of, tune
 from tables import Tables
 
 from sb3_piano.exceptions import ScoreError, UnknownPieceError
-from sb3_piano.music import PianoRoll, load_score, read_midi, write_midi
+from sb3_piano.music import PianoRoll, load_score, write_midi
 from sb3_piano.music.formats import write_pig
-from sb3_piano.music.library import PIG_PIECES, Library, import_path
-from sb3_piano.music.library.datasets import robopianist_name
+from sb3_piano.music.formats.midi_reading import read_midi
+from sb3_piano.music.library import Library, import_path
+from sb3_piano.music.library.datasets import PIG_PIECES, robopianist_name
 
 tables = Tables(__file__)
 

@@ -7,18 +7,13 @@ import pytest
 from printed import read_csv, rows_of
 from short_scores import score_of
 
-from sb3_piano.music import BUILT_IN, Score, find_piece, read_pig, write_midi
+from sb3_piano.music import BUILT_IN, Score, find_piece, write_midi
 from sb3_piano.music.difficulty import features, rank
-from sb3_piano.music.fingering import (
-    agreement,
-    finger_score,
-    judge,
-    judge_annotated,
-    pig_files,
-    without_fingers,
-)
+from sb3_piano.music.fingering import agreement, finger_score, without_fingers
+from sb3_piano.music.fingering.agreement import judge, judge_annotated, pig_files
 from sb3_piano.music.formats import write_pig
-from sb3_piano.music.library import DATA_VARIABLE
+from sb3_piano.music.formats.pig import read_pig
+from sb3_piano.user_data import DATA_VARIABLE
 
 FAMILIAR = [
     "debug-CMajorScaleOneHand",

@@ -8,7 +8,7 @@ from tables import Tables
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
-from sb3_piano.music.studies import ARPEGGIOS, SCALES
+from sb3_piano.music.studies.scales import ARPEGGIOS, SCALES
 
 tables = Tables(__file__)
 

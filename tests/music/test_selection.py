@@ -6,7 +6,8 @@ from tables import Tables
 
 from sb3_piano import exceptions
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import BUILT_IN, load_score, select_pieces, write_midi, write_pig
+from sb3_piano.music import BUILT_IN, load_score, select_pieces, write_midi
+from sb3_piano.music.formats.pig import write_pig
 
 tables = Tables(__file__)
 SCORE = score_of((0.0, 0.5, 60), title="one")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tables import Tables
 
-from sb3_piano.music import PianoRoll, load_score, major_scale
-from sb3_piano.music.studies import DEBUG
+from sb3_piano.music import PianoRoll, load_score
+from sb3_piano.music.studies.debug import DEBUG, major_scale
 
 tables = Tables(__file__)
 

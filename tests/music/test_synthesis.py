@@ -8,8 +8,9 @@ from short_scores import note_of
 from tables import Tables
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import SAMPLE_RATE, Pedal, Score, synthesize, write_wav
+from sb3_piano.music import Pedal, Score, synthesize, write_wav
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
+from sb3_piano.music.synthesis import SAMPLE_RATE
 
 tables = Tables(__file__)
 

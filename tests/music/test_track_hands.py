@@ -4,8 +4,8 @@ import mido
 import pytest
 from tables import Tables
 
-from sb3_piano.music import read_midi
 from sb3_piano.music.formats.midi_hands import hand_of_name
+from sb3_piano.music.formats.midi_reading import read_midi
 
 tables = Tables(__file__)
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.simulation import compile_scene, physics_profile
+from sb3_piano.simulation import compile_scene
+from sb3_piano.simulation.physics import physics_profile
 
 
 def test_the_model_needs_no_mesh_file_and_has_one_mesh_a_forearm():

@@ -3,7 +3,7 @@
 import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from sb3_piano.simulation import find_gl_backend
+from sb3_piano.simulation.gl import find_gl_backend
 
 ENV_ID = "RoboPianist-v0"
 _ROOM = "sb3_piano.callbacks"

@@ -11,7 +11,7 @@ from acting import LOUD, STILL
 
 from sb3_piano.cli import main
 from sb3_piano.cli.evaluate import _several_runs_table, rounded
-from sb3_piano.metrics import FINGER_SHARES
+from sb3_piano.metrics.episode import FINGER_SHARES
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.statistics import summarize
 

@@ -19,7 +19,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_piano.envs import RETURN_KEYS
 from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.music import Note, Score, read_midi, write_midi
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.training import compare, evaluate
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.evaluations import Evaluations, Failure

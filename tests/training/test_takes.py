@@ -12,8 +12,9 @@ from scipy.io import wavfile
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
-from sb3_piano.simulation import find_gl_backend
+from sb3_piano.music import Note, Pedal, Score, write_midi
+from sb3_piano.music.formats.midi_reading import read_midi
+from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.training import OpenPlayer, play_run
 from sb3_piano.training.playing.takes import play_score, take_of, take_of_score
 from sb3_piano.viewing import Picture

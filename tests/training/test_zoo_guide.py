@@ -12,7 +12,7 @@ import yaml
 from fresh_python import run_python
 
 from sb3_piano.hyperparams import PRESETS
-from sb3_piano.simulation import find_gl_backend
+from sb3_piano.simulation.gl import find_gl_backend
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,8 @@ import numpy as np
 from short_scores import score_of
 
 from sb3_piano.metrics import presses_of
-from sb3_piano.music import MIN_PITCH, NUM_KEYS, PianoRoll
+from sb3_piano.music import MIN_PITCH, PianoRoll
+from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.performance import Performance
 
 STEP = 0.05

@@ -9,7 +9,7 @@ import pytest
 from short_scores import score_of
 
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
-from sb3_piano.simulation import find_gl_backend
+from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.viewing import PerformanceRenderer, Picture, View, film, moments
 
 VIEWS = typing.get_args(View)

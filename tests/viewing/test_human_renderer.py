@@ -12,7 +12,7 @@ import pytest
 
 from sb3_piano.exceptions import RenderingError
 from sb3_piano.simulation import compile_scene
-from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR
+from sb3_piano.viewing.moment import FINGER_COLORS, PRESSED_COLOR
 from sb3_piano.viewing.stage import staged
 
 PROGRAM = """
@@ -27,7 +27,9 @@ from sb3_piano.exceptions import RenderingError
 from sb3_piano.music import Note, PianoRoll, Score
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.takes import take_of_score
-from sb3_piano.viewing import HumanRenderer, Moment, show_take
+from sb3_piano.viewing import show_take
+from sb3_piano.viewing.human_renderer import HumanRenderer
+from sb3_piano.viewing.moment import Moment
 from sb3_piano.viewing.stage import staged
 
 score = Score(notes=[Note(onset=0.1, offset=0.3, pitch=60, finger=1)])
@@ -118,7 +120,7 @@ def test_without_a_screen_the_error_says_what_to_do(no_screen):
 
 def test_a_screen_that_cannot_be_reached_is_an_error_and_no_endless_wait(no_screen):
     no_screen.setenv("DISPLAY", ":4711")
-    done = run_python("from sb3_piano.viewing import check_screen\ncheck_screen()")
+    done = run_python("from sb3_piano.viewing.human_renderer import check_screen\ncheck_screen()")
     for text in ("RenderingError: Cannot open a window: ", ":4711", "Expected a screen"):
         assert text in done.stderr
 

@@ -6,8 +6,7 @@ from short_scores import score_of
 
 from sb3_piano.music import PianoRoll
 from sb3_piano.simulation import compile_scene
-from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
-from sb3_piano.viewing.moment import MISSED_COLOR
+from sb3_piano.viewing.moment import FINGER_COLORS, MISSED_COLOR, PRESSED_COLOR, UNLABELLED_COLOR
 from sb3_piano.viewing.note_bars import NoteBars
 from sb3_piano.viewing.stage import PANEL_FOOT
 

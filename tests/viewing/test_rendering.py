@@ -13,9 +13,10 @@ import pytest
 from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.simulation import compile_scene, find_gl_backend
-from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR
+from sb3_piano.simulation import compile_scene
+from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.viewing.frame_renderer import FrameRenderer
+from sb3_piano.viewing.moment import FINGER_COLORS, PRESSED_COLOR
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from report_parts import C4, D4, E4, STEP, note, performance, three_notes
 
-from sb3_piano.viewing.report import Curve, judge
+from sb3_piano.viewing.report import Curve
+from sb3_piano.viewing.report.judgement import judge
 from sb3_piano.viewing.report.piano_roll import piano_roll
 from sb3_piano.viewing.report.report import (
     MOST_POINTS,

@@ -5,8 +5,8 @@ import pytest
 from report_parts import C4, D4, long_performance, note, performance, resting
 from tables import Tables
 
-from sb3_piano.metrics import wrong_presses
-from sb3_piano.viewing.report import Fate, Verdict, judge
+from sb3_piano.metrics.presses import wrong_presses
+from sb3_piano.viewing.report.judgement import Fate, Verdict, judge
 
 tables = Tables(__file__)
 HIT, MISSED, NOT_REACHED = Fate

@@ -7,7 +7,7 @@ from html_page import Page
 from report_parts import C4, metrics_of, note, performance, resting, three_notes
 from tables import Tables
 
-from sb3_piano.metrics import FINGER_SHARES, has_value
+from sb3_piano.metrics.episode import FINGER_SHARES, has_value
 from sb3_piano.viewing.report import Curve, Report, report_html
 from sb3_piano.viewing.report.page import definition_of, formatted
 

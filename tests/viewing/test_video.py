@@ -13,7 +13,8 @@ from short_scores import score_of
 from tables import Tables
 
 from sb3_piano.exceptions import ConfigError, RenderingError
-from sb3_piano.music import SAMPLE_RATE, synthesize, write_wav
+from sb3_piano.music import synthesize, write_wav
+from sb3_piano.music.synthesis import SAMPLE_RATE
 from sb3_piano.viewing import write_video
 
 tables = Tables(__file__)

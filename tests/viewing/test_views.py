@@ -11,9 +11,16 @@ from short_scores import score_of
 
 from sb3_piano.cli.play import VIEWS
 from sb3_piano.envs import PianoEnv
-from sb3_piano.simulation import compile_scene, find_gl_backend
-from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, View, geom_colors
-from sb3_piano.viewing.moment import UNLABELLED_COLOR, WRONG_COLOR
+from sb3_piano.simulation import compile_scene
+from sb3_piano.simulation.gl import find_gl_backend
+from sb3_piano.viewing import View
+from sb3_piano.viewing.moment import (
+    FINGER_COLORS,
+    PRESSED_COLOR,
+    UNLABELLED_COLOR,
+    WRONG_COLOR,
+    geom_colors,
+)
 from sb3_piano.viewing.note_bars import Stretch
 from sb3_piano.viewing.stage import FIELD_OF_VIEW
 from sb3_piano.viewing.views import SHOTS, place_camera

@@ -16,7 +16,8 @@ from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks import F1Callback
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import RunConfig, evaluate, train
-from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, FrameRenderer
+from sb3_piano.viewing import FrameRenderer
+from sb3_piano.viewing.moment import FINGER_COLORS, PRESSED_COLOR
 from sb3_piano.wrappers import Excerpt, KeyRange, Pixels
 
 # Keys far from the hands, and one right under the thumb at rest.

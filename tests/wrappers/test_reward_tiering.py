@@ -10,7 +10,7 @@ import pytest
 from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.music import NUM_KEYS
+from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.wrappers import KeyRewardTiering, RewardTiering
 
 TOLERANCE = 0.0003

@@ -15,7 +15,7 @@ from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import SOURCES
-from sb3_piano.music import is_path
+from sb3_piano.music.catalogue import is_path
 from sb3_piano.planning import PlanSettings
 from sb3_piano.settings import (
     Count,

@@ -43,7 +43,7 @@ from sb3_piano.lab.distillation.shards import JUDGED_BY
 from sb3_piano.lab.distillation.teachers import new_teacher
 from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.music import is_path
+from sb3_piano.music.catalogue import is_path
 from sb3_piano.music.library import Library
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME

@@ -21,7 +21,7 @@ from sb3_piano.lab.distillation.rounds import Progress
 from sb3_piano.lab.music import CorpusExcerpt
 from sb3_piano.pipelines.training import train_to_end
 from sb3_piano.players import HandModel
-from sb3_piano.simulation import SIDES
+from sb3_piano.simulation.scene import SIDES
 from sb3_piano.training import Plugin, RunConfig, load_config
 from sb3_piano.training.configuration.plugins import with_arguments
 from sb3_piano.training.runs.folder import RunFolder

@@ -22,7 +22,8 @@ from sb3_piano.demonstrations import NoisyActions
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.results.records import Physics, Result
-from sb3_piano.music import digest, load_score, write_midi
+from sb3_piano.music import load_score, write_midi
+from sb3_piano.music.score import digest
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import PlayerSpec
 from sb3_piano.threads import processor_label

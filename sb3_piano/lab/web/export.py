@@ -25,8 +25,8 @@ from sb3_piano.lab.web.performances import (
 from sb3_piano.lab.web.reading_facts import reading_facts
 from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
 from sb3_piano.links import keep_inside, make_folder
-from sb3_piano.music import Score, find_piece, is_path, load_score, write_midi
-from sb3_piano.music.catalogue import ScoreSource
+from sb3_piano.music import Score, find_piece, load_score, write_midi
+from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.selection import select_pieces
 from sb3_piano.planning import Plan

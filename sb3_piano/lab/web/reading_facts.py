@@ -8,7 +8,8 @@ import numpy as np
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.reading import KeyPlaces, both_hands
-from sb3_piano.simulation import SIDES, PianoScene
+from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.scene import SIDES
 
 
 def reading_facts(scene: PianoScene) -> dict[str, Any]:

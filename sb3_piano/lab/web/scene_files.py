@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from sb3_piano.envs.actions import hand_action_unit
-from sb3_piano.simulation import PianoScene, attach_parts, exact_xml, scene_parts
+from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.compiling import attach_parts, scene_parts
+from sb3_piano.simulation.exact_xml import exact_xml
 
 
 def scene_xml(scene: PianoScene) -> str:

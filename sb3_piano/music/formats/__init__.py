@@ -88,16 +88,4 @@ def _of_suffix(table: Mapping[str, T], path: Path) -> T:
     return table[path.suffix.lower()]
 
 
-__all__ = [
-    "ACCEPTED_FILES",
-    "READERS",
-    "WRITERS",
-    "read_midi",
-    "read_musicxml",
-    "read_pig",
-    "read_score",
-    "write_midi",
-    "write_musicxml",
-    "write_pig",
-    "write_score",
-]
+__all__ = ["read_midi", "read_musicxml", "read_pig", "write_midi", "write_musicxml", "write_pig"]

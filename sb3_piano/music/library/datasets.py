@@ -33,7 +33,7 @@ import pretty_midi
 from sb3_piano.exceptions import ScoreError, UnknownPieceError, one_line
 from sb3_piano.files import check_file, read_file, read_member, read_table
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.fingering import pig_files
+from sb3_piano.music.fingering.agreement import pig_files
 from sb3_piano.music.formats import read_midi, read_pig
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.library.task import ImportTask

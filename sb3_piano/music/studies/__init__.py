@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from sb3_piano.music.piece import Piece
-from sb3_piano.music.studies.debug import DEBUG, major_scale
+from sb3_piano.music.studies.debug import DEBUG
 from sb3_piano.music.studies.hanon import HANON
 from sb3_piano.music.studies.scales import ARPEGGIOS, SCALES
 
 STUDIES: Mapping[str, Piece] = MappingProxyType({**DEBUG, **SCALES, **ARPEGGIOS, **HANON})
 """All generated pieces by name."""
 
-__all__ = ["ARPEGGIOS", "DEBUG", "HANON", "SCALES", "STUDIES", "major_scale"]
+__all__ = ["STUDIES"]

@@ -9,7 +9,8 @@ from sb3_piano.metrics import frame_f1
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.planning.plan import Plan
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
-from sb3_piano.simulation import SIDES, PianoScene
+from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.scene import SIDES
 
 _COST = SamplingCost(discount=0.95)
 _STRUCK = 0.5

@@ -18,7 +18,7 @@ from pydantic import BeforeValidator
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import read_json, write_atomically, write_csv
-from sb3_piano.metrics import has_value
+from sb3_piano.metrics.episode import has_value
 from sb3_piano.settings import checked, refuse_unknown
 from sb3_piano.take import SUFFIX, Take
 from sb3_piano.training.evaluation.difference_plot import difference_plot, picture_format

@@ -19,7 +19,8 @@ from sb3_piano.files import write_json
 from sb3_piano.jobs.folders import unwritable
 from sb3_piano.links import make_folder
 from sb3_piano.metrics import Losses
-from sb3_piano.music import Score, is_path, load_score, write_midi
+from sb3_piano.music import Score, load_score, write_midi
+from sb3_piano.music.catalogue import is_path
 from sb3_piano.players import PLAYERS, PlayerSpec
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.take import SUFFIX, Take

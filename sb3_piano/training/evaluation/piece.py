@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.metrics import Losses, has_value
+from sb3_piano.metrics import Losses
+from sb3_piano.metrics.episode import has_value
 from sb3_piano.players import TreeSearch
 from sb3_piano.take import Take
 from sb3_piano.training.evaluation.evaluations import Evaluation

@@ -21,7 +21,8 @@ from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.files import read_file, write_bytes
 from sb3_piano.jobs.folders import unwritable
 from sb3_piano.layers import layers
-from sb3_piano.music import Score, is_path, load_score
+from sb3_piano.music import Score, load_score
+from sb3_piano.music.catalogue import is_path
 from sb3_piano.players import HandModel, Player, PlayerSpec, Transition, TreeSearch, rollout
 from sb3_piano.players.hand_model import SIGHT_READER, network_file
 from sb3_piano.settings import Count, Index, checked

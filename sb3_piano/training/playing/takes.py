@@ -30,7 +30,9 @@ from sb3_piano.simulation import compile_scene
 from sb3_piano.take import Motion, Take
 from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.playing.player import OpenPlayer, Source
-from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Played, Progress, write_take
+from sb3_piano.viewing import Picture, write_take
+from sb3_piano.viewing.take import Played, Progress
+from sb3_piano.viewing.views import DEFAULT_PICTURE
 
 FILE_NAME = "performance"
 """Name of the files, without their suffixes."""

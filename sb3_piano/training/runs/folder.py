@@ -20,7 +20,7 @@ from sb3_piano.files import Place, read_file, write_bytes, write_yaml
 from sb3_piano.jobs.folders import PROVENANCE, SETTINGS, is_empty, unwritable
 from sb3_piano.links import check_inside, keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.music import is_path
+from sb3_piano.music.catalogue import is_path
 from sb3_piano.music.library import Library
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE

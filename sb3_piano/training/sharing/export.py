@@ -12,7 +12,9 @@ from sb3_piano.training.playing.player import OpenPlayer, player_written
 from sb3_piano.training.playing.takes import take_of
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.sharing.card import card_of
-from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Progress, write_take
+from sb3_piano.viewing import Picture, write_take
+from sb3_piano.viewing.take import Progress
+from sb3_piano.viewing.views import DEFAULT_PICTURE
 
 REPLAY = "replay"
 """Name of the video and of its MIDI file, without suffixes; the Hub shows ``replay.mp4``."""

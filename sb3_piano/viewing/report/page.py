@@ -10,7 +10,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from sb3_piano.metrics import DEFINITIONS, ONSET_TOLERANCE, Definition, has_value
+from sb3_piano.metrics import DEFINITIONS
+from sb3_piano.metrics.episode import Definition, has_value
+from sb3_piano.metrics.onsets import ONSET_TOLERANCE
 from sb3_piano.viewing.moment import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
 
 TOLERANCE = f"{1000 * ONSET_TOLERANCE:.0f} ms"

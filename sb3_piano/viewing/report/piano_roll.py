@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sb3_piano.metrics import presses_of
-from sb3_piano.music import FINGER_NAMES, MIN_PITCH, NUM_KEYS, Note, Score
+from sb3_piano.music import MIN_PITCH, Note, Score
+from sb3_piano.music.constants import FINGER_NAMES, NUM_KEYS
 from sb3_piano.performance import Performance
 from sb3_piano.viewing.report.judgement import DueNotes, Fate, PlayedPresses, Verdict
 from sb3_piano.viewing.report.page import FINGERS, TOLERANCE

@@ -10,8 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, finger_shares
-from sb3_piano.music import FINGER_NAMES, PianoRoll, Score, shown_title
+from sb3_piano.metrics import DEFINITIONS
+from sb3_piano.metrics.episode import FINGER_SHARES
+from sb3_piano.metrics.fingers import finger_shares
+from sb3_piano.music import PianoRoll, Score
+from sb3_piano.music.catalogue import shown_title
+from sb3_piano.music.constants import FINGER_NAMES
 from sb3_piano.music.fingering.apply import DEFAULT_TIMESTEP
 from sb3_piano.performance import Performance
 from sb3_piano.viewing.report.judgement import Fate, Verdict, judge

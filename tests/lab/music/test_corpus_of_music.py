@@ -11,8 +11,9 @@ from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import HELD_OUT
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.hands import HANDS
-from sb3_piano.music.library import DATA_VARIABLE, Library
+from sb3_piano.music.library import Library
 from sb3_piano.music.studies import STUDIES
+from sb3_piano.user_data import DATA_VARIABLE
 
 tables = Tables(__file__)
 ALL = {"generated": 1.0, "studies": 1.0, "repertoire": 1.0}

@@ -8,9 +8,10 @@ from sb3_piano.lab.music import generate_score
 from sb3_piano.lab.music.generation import STYLES
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK
-from sb3_piano.music.fingering import apply_fingering, assign_hands, without_fingers
+from sb3_piano.music.fingering import apply_fingering, without_fingers
 from sb3_piano.music.fingering.ergonomic import struck_together as chords_of
 from sb3_piano.music.fingering.robot import release_early
+from sb3_piano.music.fingering.split import assign_hands
 
 DURATION = 12.0
 SEEDS = range(8)

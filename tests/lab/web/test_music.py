@@ -22,12 +22,13 @@ from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.lab.music import generate_score
 from sb3_piano.lab.web.export import score_table
 from sb3_piano.metrics import Onsets, frame_scores, onset_f1
-from sb3_piano.music import PianoRoll, Score, load_score, read_midi, write_midi
+from sb3_piano.music import PianoRoll, Score, load_score, write_midi
 from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.music.fingering import apply_fingering, finger_score, without_fingers
 from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, MAX_INTERVAL, cost_tables
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.music.formats.midi_hands import hand_of_name
+from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.presses import Press, presses_of_hand
 from sb3_piano.music.roll import EarlyRelease
 from sb3_piano.planning.problems import summary, unheld

@@ -18,7 +18,8 @@ from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.planning.policy import roll_with_fingers
 from sb3_piano.players import SightReader
 from sb3_piano.players.hand_model import SHIPPED
-from sb3_piano.reading import KeyPlaces, both_hands, bounds_of, read_piece
+from sb3_piano.reading import KeyPlaces, both_hands, read_piece
+from sb3_piano.reading.arms import bounds_of
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.player import PLANNED_IN
 

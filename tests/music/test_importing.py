@@ -83,11 +83,6 @@ class TestOneFile:
         assert import_path(path, fingering=music / "labels.txt").imported == ("etude",)
         assert fingers(library.score("etude"))[0] == 1
 
-    def test_it_may_be_given_a_name(self, music):
-        path = save(music / "etude.mid")
-        assert import_path(path, name="mine").imported == ("mine",)
-        assert import_path(path, name="mine").present == ("mine",)
-
     @pytest.mark.parametrize(
         "name", ["debug-CMajorScaleOneHand", "FurElise", "etude-12-WaltzOp64No1"]
     )
@@ -274,8 +269,9 @@ class TestAgain:
         assert (report.imported, report.present) == (("music-song",), ("song",))
         assert library.score("song").notes[0].pitch == 60
 
-    def test_a_name_of_another_piece_is_refused(self, music, library):
-        import_path(save(music / "a.mid", 60), name="mine")
+    def test_a_given_name_is_kept_and_that_of_another_piece_refused(self, music, library):
+        assert import_path(save(music / "a.mid", 60), name="mine").imported == ("mine",)
+        assert import_path(music / "a.mid", name="mine").present == ("mine",)
         with pytest.raises(ConfigError, match="There is another piece 'mine', of '.*a.mid': exp"):
             import_path(save(music / "b.mid", 70), name="mine")
         import_path(save(music / "a.mid", 72), name="mine")  # the same file, changed

@@ -67,7 +67,7 @@ def test_pieces_get_robopianists_names_and_the_etudes_two_of_them(pig):
         assert (score.notes, score.title) == (tune(62, finger=1).notes, name)
 
 
-def test_music_beside_the_data_set_is_imported_too(pig):
+def test_it_is_found_from_the_folder_around_it_and_the_one_inside_and_imported_once(pig):
     write_midi(tune(70), pig.parent / "own.mid")
     write_midi(tune(71), pig / "not_of_the_list.mid")
     report = import_path(pig.parent, jobs=1)
@@ -75,6 +75,10 @@ def test_music_beside_the_data_set_is_imported_too(pig):
     assert len(report.imported) == 6
     assert "own" in report.imported
     assert {note.finger for note in load_score("repertoire-150-ForElise").notes} == {9}
+    report = import_path(pig / "FingeringFiles", jobs=1)
+    assert (report.imported, len(report.present)) == ((), 5)
+    Library().remove("etude-12-GolliwoggsCakewalk")
+    assert import_path(pig, jobs=1).imported == ("etude-12-GolliwoggsCakewalk",)
 
 
 def test_a_note_without_finger_stays_without_as_in_robopianist(pig):
@@ -83,14 +87,6 @@ def test_a_note_without_finger_stays_without_as_in_robopianist(pig):
     assert not load_score("repertoire-150-ForElise").has_fingering
     import_path(pig, jobs=1, fingering="ergonomic")
     assert load_score("repertoire-150-ForElise").has_fingering
-
-
-def test_it_is_found_from_the_folder_around_it_and_the_one_inside_and_imported_once(pig):
-    assert len(import_path(pig.parent, jobs=1).imported) == 5
-    report = import_path(pig / "FingeringFiles", jobs=1)
-    assert (report.imported, len(report.present)) == ((), 5)
-    Library().remove("etude-12-GolliwoggsCakewalk")
-    assert import_path(pig, jobs=1).imported == ("etude-12-GolliwoggsCakewalk",)
 
 
 def test_a_damaged_file_is_listed_and_the_others_are_imported(pig):
@@ -203,7 +199,9 @@ class TestSnippets:
     def fingers(self, name):
         return {note.pitch: note.finger for note in load_score(name).notes}
 
-    def test_they_have_robopianists_names_and_fingers(self, package):
+    def test_they_have_robopianists_names_and_fingers_from_the_package_or_a_wheel(
+        self, package, wheel
+    ):
         report = import_path(package.parent, jobs=1)
         assert report.imported == (self.NOCTURNE, self.TWINKLE)
         assert self.fingers(self.TWINKLE) == {72: 4, 60: 6, 65: 3}
@@ -211,8 +209,6 @@ class TestSnippets:
         piece = Library().pieces()[self.NOCTURNE]
         assert (piece.collection, piece.fingering) == ("debug", "RoboPianist")
         assert piece.source == "RoboPianist, nocturne-trimmed.mid in checkout"
-
-    def test_they_are_found_in_the_package_and_in_a_wheel(self, package, wheel):
         assert len(import_path(wheel(), jobs=1).imported) == 2
         assert len(import_path(package, jobs=1).present) == 2
 

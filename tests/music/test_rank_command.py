@@ -178,29 +178,18 @@ def test_what_is_judged_is_our_fingering_for_the_labels_hands_and_our_hands():
     assert not kept.has_fingering
 
 
-@pytest.fixture
-def unlabelled():
-    """A piece without labels."""
-    name = FAMILIAR[0]
-    bare = without_fingers(find_piece(name).score(), keep_hands=True)
-    return dataclasses.replace(find_piece(name), name="test-bare", build=lambda: bare)
-
-
-def test_the_labelled_pieces_of_the_package_are_compared_unless_some_are_named(
-    run, monkeypatch, unlabelled
-):
-    package = {name: find_piece(name) for name in FAMILIAR} | {unlabelled.name: unlabelled}
+def test_the_labelled_pieces_of_the_package_are_compared_unless_some_are_named(run, monkeypatch):
+    bare = without_fingers(find_piece(FAMILIAR[0]).score(), keep_hands=True)
+    unlabelled = dataclasses.replace(find_piece(FAMILIAR[0]), name="bare", build=lambda: bare)
+    package = {name: find_piece(name) for name in FAMILIAR} | {"bare": unlabelled}
     monkeypatch.setattr("sb3_piano.music.BUILT_IN", package)
+    monkeypatch.setattr("sb3_piano.music.find_piece", package.__getitem__)
     code, out, err = run("fingering", "--no-progress")
     assert (code, err) == (0, "")
     assert [row[0] for row in rows_of(out)[:-2]] == FAMILIAR
-
-
-def test_a_named_piece_without_labels_is_told(run, monkeypatch, unlabelled):
-    monkeypatch.setattr("sb3_piano.music.find_piece", {"bare": unlabelled}.__getitem__)
     code, out, err = run("fingering", "bare")
     assert (code, out) == (2, "")
-    assert "Piece 'test-bare' was not compared: Score 'CMajorScaleOneHand' has no finger" in err
+    assert "Piece 'bare' was not compared: Score 'CMajorScaleOneHand' has no finger" in err
 
 
 def write_pig_file(path, fingers):

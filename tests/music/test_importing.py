@@ -72,7 +72,7 @@ class TestOneFile:
         assert 0 < second.finger < 5
         assert library.info("etude").fingering == "its file, ergonomic"
 
-    def test_labels_may_come_from_another_file(self, music, library):
+    def test_labels_of_one_piece_may_come_from_another_file(self, music, library):
         path = save(music / "etude.mid")
         (music / "labels.txt").write_text(PIG_LINES)
         import_path(path, fingering=music / "labels.txt")
@@ -82,6 +82,8 @@ class TestOneFile:
         (music / "labels.txt").write_text(PIG_LINES.replace("\t1\n", "\t2\n"))
         assert import_path(path, fingering=music / "labels.txt").imported == ("etude",)
         assert fingers(library.score("etude"))[0] == 1
+        with pytest.raises(ConfigError, match="cannot be used for more than one"):
+            import_path(music, fingering=path)
 
     @pytest.mark.parametrize(
         "name", ["debug-CMajorScaleOneHand", "FurElise", "etude-12-WaltzOp64No1"]
@@ -340,12 +342,6 @@ class TestRefusals:
         (tmp_path / "file").touch()
         with pytest.raises(ConfigError, match="Cannot keep pieces in .*SB3_PIANO_DATA may name"):
             import_path(save(music / "a.mid"), Library(tmp_path / "file" / "pieces"))
-
-    def test_a_file_with_labels_for_several_pieces(self, music):
-        save(music / "a.mid", 60)
-        save(music / "b.mid", 61)
-        with pytest.raises(ConfigError, match="cannot be used for more than one"):
-            import_path(music, fingering=music / "a.mid")
 
     @pytest.mark.parametrize("jobs", [0, -1, 1.5, True])
     def test_a_number_of_processes_out_of_range(self, music, jobs):

@@ -23,25 +23,25 @@ LINES = {
     "batch": 1_800,
     "buffers": 660,
     "callbacks": 2_770,
-    "cli": 3_170,
+    "cli": 3_175,
     "demonstrations": 1_505,
     "envs": 3_300,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 1_030,
     "lab": 5_800,
-    "metrics": 1_100,
-    "music": 8_640,
-    "pipelines": 1_352,
+    "metrics": 960,
+    "music": 8_550,
+    "pipelines": 1_354,
     "planning": 3_340,
     "players": 1_700,
     "policies": 1_580,
-    "reading": 930,
-    "simulation": 1_200,
-    "training": 6_105,
+    "reading": 907,
+    "simulation": 1_170,
+    "training": 6_110,
     "tuning": 2_330,
     "vec_env": 490,
-    "viewing": 2_290,
+    "viewing": 2_260,
     "wrappers": 2_050,
 }
 
@@ -49,13 +49,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`, `parameters`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 4_707
+LONG_WORK_LINES = 4_710
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_345, "modules": 326, "names": 340},
+    "core": {"lines": 49_140, "modules": 326, "names": 236},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_585},
+    "tests": {"lines": 42_583},
 }
 
 

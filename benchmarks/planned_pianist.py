@@ -38,7 +38,7 @@ from rich.progress import MofNCompleteColumn, Progress
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.metrics.losses import ALL, DUE_KINDS, WRONG_KINDS, Losses
 from sb3_piano.music import BUILT_IN
-from sb3_piano.planning import forget_plans
+from sb3_piano.players.planned import forget_plans
 from sb3_piano.training import OpenPlayer
 from sb3_piano.training.playing.player import stage_for
 from sb3_piano.training.playing.takes import take_of

@@ -21,8 +21,9 @@ from sb3_piano.arrays import FloatArray
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import BUILT_IN, load_score
-from sb3_piano.planning import PlannedPianist, Refinement
-from sb3_piano.planning.sampling import PredictiveSampling
+from sb3_piano.planning import Refinement
+from sb3_piano.players.planned import PlannedPianist
+from sb3_piano.players.sampling import PredictiveSampling
 from sb3_piano.training.playing.player import PLANNED_IN
 
 REPERTOIRE = [name for name, piece in BUILT_IN.items() if piece.collection == "repertoire"]

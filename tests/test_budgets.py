@@ -33,8 +33,8 @@ LINES = {
     "metrics": 960,
     "music": 8_550,
     "pipelines": 1_354,
-    "planning": 3_340,
-    "players": 1_700,
+    "planning": 2_775,
+    "players": 2_170,
     "policies": 1_580,
     "reading": 907,
     "simulation": 1_170,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 4_710
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_140, "modules": 326, "names": 236},
+    "core": {"lines": 49_145, "modules": 326, "names": 236},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_583},
+    "tests": {"lines": 42_590},
 }
 
 

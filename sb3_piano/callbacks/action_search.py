@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.planning.policy import pianos_of
+from sb3_piano.players.policy import pianos_of
 from sb3_piano.players.tree_search import PianoWorld, check_goes_back, moment_of, single_envs
 from sb3_piano.policies.values import PolicyValues, critic_values
 from sb3_piano.settings import Count, NotNegative, Positive, checked

@@ -1,18 +1,15 @@
-"""Playing from knowledge: the score and the simulator are known, so a plan plays without training.
+"""Planning: the score and the simulator are known, so the motion of both hands can be computed.
 
-:func:`plan` finds the motion of both hands for a whole piece, :class:`PlannedPianist` follows it
-behind the ``predict`` of a trained model. What a plan starts from is
-read by :mod:`sb3_piano.reading`.
+:func:`plan` finds the motion for a whole piece, from what :mod:`sb3_piano.reading` reads, and
+:class:`Refinement` improves it in simulation. :mod:`sb3_piano.players` has who follows it.
 """
 
+from typing import Any
+
 from sb3_piano.planning.hand_plan import HandPlan as HandPlan
-from sb3_piano.planning.pianist import PlannedPianist
-from sb3_piano.planning.pianist import Trackers as Trackers
-from sb3_piano.planning.pianist import forget_plans as forget_plans
 from sb3_piano.planning.plan import Plan, plan
 from sb3_piano.planning.plan_file import load_plan as load_plan
 from sb3_piano.planning.plan_file import save_plan as save_plan
-from sb3_piano.planning.policy import PianoPolicy as PianoPolicy
 from sb3_piano.planning.problems import Problem as Problem
 from sb3_piano.planning.refinement import Refinement
 from sb3_piano.planning.settings import PlanSettings
@@ -21,7 +18,12 @@ from sb3_piano.planning.tracker import Tracker as Tracker
 __all__ = [
     "Plan",
     "PlanSettings",
-    "PlannedPianist",
     "Refinement",
     "plan",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("PianoPolicy", "PlannedPianist"):
+        raise ImportError(f"{name} is in sb3_piano.players now: expected it to be imported there.")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,10 +8,13 @@ ahead.
 
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.players.hand_model import HandFacts, HandModel
-from sb3_piano.players.making import PLAYERS, make_player, player_class
-from sb3_piano.players.residual import CORRECTED, PlayerResidual
+from sb3_piano.players.hand_model import HandModel
+from sb3_piano.players.making import PLAYERS, make_player
+from sb3_piano.players.planned import PlannedPianist
+from sb3_piano.players.policy import PianoPolicy
+from sb3_piano.players.residual import PlayerResidual
 from sb3_piano.players.rollout import Player, Transition, rollout
+from sb3_piano.players.sampling import PredictiveSampling
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.players.spec import PlayerSpec
 from sb3_piano.players.tree import TreeSettings
@@ -20,19 +23,19 @@ if TYPE_CHECKING:
     from sb3_piano.players.tree_search import TreeSearch
 
 __all__ = [
-    "CORRECTED",
     "PLAYERS",
-    "HandFacts",
     "HandModel",
+    "PianoPolicy",
+    "PlannedPianist",
     "Player",
     "PlayerResidual",
     "PlayerSpec",
+    "PredictiveSampling",
     "SightReader",
     "Transition",
     "TreeSearch",
     "TreeSettings",
     "make_player",
-    "player_class",
     "rollout",
 ]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.envs import PianoEnv
-from sb3_piano.planning.policy import PianoPolicy
+from sb3_piano.players.policy import PianoPolicy
 
 _PROPOSALS = 4
 _GAMMA = 0.8

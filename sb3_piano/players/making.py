@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
-from sb3_piano.planning import PlannedPianist
-from sb3_piano.planning.policy import PianoPolicy
-from sb3_piano.planning.sampling import PredictiveSampling
+from sb3_piano.players.planned import PlannedPianist
+from sb3_piano.players.policy import PianoPolicy
+from sb3_piano.players.sampling import PredictiveSampling
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.settings import refuse_unknown
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.planning import PlannedPianist
-from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER, HandModel
+from sb3_piano.players.planned import PlannedPianist
+from sb3_piano.players.policy import PianoPolicy
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.settings import Positive, checked, refuse_unknown
 from sb3_piano.wrappers.hand_actions import hand_actions_of

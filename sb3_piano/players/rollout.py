@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sb3_piano.envs import EpisodeRecorder
 from sb3_piano.layers import layers
-from sb3_piano.planning.policy import singles_of
+from sb3_piano.players.policy import singles_of
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.take import Take
 from sb3_piano.threads import torch_computing

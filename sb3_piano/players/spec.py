@@ -17,9 +17,9 @@ import yaml
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.files import load_yaml
 from sb3_piano.planning import PlanSettings
-from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.players.making import PLAYERS, player_class
+from sb3_piano.players.policy import PianoPolicy
 from sb3_piano.players.tree import TreeSettings
 from sb3_piano.settings import refuse_unknown
 

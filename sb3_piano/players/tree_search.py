@@ -20,8 +20,8 @@ from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
-from sb3_piano.planning.policy import PianoPolicy, singles_of
 from sb3_piano.players.guides import PlayerGuide
+from sb3_piano.players.policy import PianoPolicy, singles_of
 from sb3_piano.players.tree import Step, Tree, TreeSettings
 from sb3_piano.policies.values import PolicyValues
 from sb3_piano.settings import Index, NotNegative, checked

@@ -17,7 +17,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import load_score
-from sb3_piano.planning.sampling import PredictiveSampling
+from sb3_piano.players.sampling import PredictiveSampling
 from sb3_piano.unfinished import own
 
 NAME = "robopianist/two-notes/linear-v0"

@@ -12,7 +12,7 @@ from sb3_piano.envs.hand_encoding import FRAMES_AHEAD, LINE_AHEAD, PLACES_AHEAD
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import Note, Score
 from sb3_piano.music.fingering import apply_fingering
-from sb3_piano.planning import PlannedPianist
+from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.reading import KeyPlaces, read_piece
 from sb3_piano.reading.kinematics import HandKinematics
 

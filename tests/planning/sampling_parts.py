@@ -6,9 +6,10 @@ from short_scores import note_of, score_of
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music.fingering import without_fingers
 from sb3_piano.planning import PlanSettings
-from sb3_piano.planning.sampling import NOISE_FROM_ZERO, PredictiveSampling, SamplingCost
+from sb3_piano.planning.sampling import NOISE_FROM_ZERO, SamplingCost
 from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
+from sb3_piano.players.sampling import PredictiveSampling
 
 # Keys near where the hands begin.
 TUNE = score_of((0.0, 0.2, 76, 1), (0.0, 0.2, 48, 7), (0.25, 0.45, 77, 2), pedals=[(0.1, 0.3)])

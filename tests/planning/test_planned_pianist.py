@@ -12,7 +12,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMoni
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.music.fingering import without_fingers
-from sb3_piano.planning import PlannedPianist, Trackers, pianist
+from sb3_piano.players import planned as pianist
+from sb3_piano.players.planned import PlannedPianist, Trackers
 from sb3_piano.vec_env import ThreadVecEnv
 from sb3_piano.wrappers import RandomPiece
 

@@ -11,8 +11,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.music import Score
-from sb3_piano.planning import PlannedPianist
 from sb3_piano.planning.sampling import SamplingCost, SamplingNoise
+from sb3_piano.players.planned import PlannedPianist
 
 
 def test_actions_are_those_of_the_action_space_however_wild_the_noise():

@@ -10,10 +10,11 @@ from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement, load_plan, plan, save_plan
-from sb3_piano.planning.policy import roll_with_fingers
+from sb3_piano.planning import PlanSettings, Refinement, load_plan, plan, save_plan
 from sb3_piano.planning.roll_outs import Way
 from sb3_piano.planning.splicing import spliced
+from sb3_piano.players.planned import PlannedPianist
+from sb3_piano.players.policy import roll_with_fingers
 
 # A leap there and back, which costs the plan some frames.
 SCORE = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1), (0.5, 0.75, 60, 0))

@@ -7,10 +7,10 @@ import pytest
 from sampling_parts import TUNE, UNLABELLED, WEAK, make_env, make_player, make_search, play
 
 from sb3_piano.music import Score
-from sb3_piano.planning import PlannedPianist, Trackers
 from sb3_piano.planning.sampling import SamplingCost, SamplingNoise
 from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
+from sb3_piano.players.planned import PlannedPianist, Trackers
 
 
 def positions_in(env, tracker):

@@ -11,10 +11,10 @@ from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.planning import PlannedPianist
-from sb3_piano.planning.sampling import PredictiveSampling
 from sb3_piano.players import SightReader, TreeSearch, TreeSettings
 from sb3_piano.players.guides import PlayerGuide
+from sb3_piano.players.planned import PlannedPianist
+from sb3_piano.players.sampling import PredictiveSampling
 from sb3_piano.players.tree_search import PianoWorld, moment_of
 from sb3_piano.training import evaluate
 from sb3_piano.wrappers import Excerpt, HandActions

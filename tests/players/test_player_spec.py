@@ -8,8 +8,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.planning import PlannedPianist, PlanSettings
+from sb3_piano.planning import PlanSettings
 from sb3_piano.players import PLAYERS, PlayerSpec, TreeSearch, TreeSettings, rollout
+from sb3_piano.players.planned import PlannedPianist
 
 
 @pytest.fixture

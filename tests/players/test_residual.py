@@ -12,8 +12,8 @@ from untrained_hand import hands, write_network
 
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.music import Note, Score
-from sb3_piano.planning import PlannedPianist
 from sb3_piano.players import HandModel, PlayerResidual, SightReader
+from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.policies import HandsTD3Policy
 from sb3_piano.wrappers import HandReward
 

@@ -14,8 +14,8 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.lab.music.corpus import HELD_OUT
 from sb3_piano.music import Note, Score, load_score
-from sb3_piano.planning import PlannedPianist
 from sb3_piano.players import HandModel, SightReader, make_player
+from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.policies import (
     HandsActorCriticPolicy,
     HandsSACPolicy,

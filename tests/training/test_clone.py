@@ -15,8 +15,8 @@ from sb3_piano.demonstrations import record
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.planning import PlannedPianist
 from sb3_piano.players import PlayerSpec
+from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.training import OpenPlayer, RunFolder, clone, evaluate, resume
 from sb3_piano.training.playing.player import player_to_record
 
@@ -134,7 +134,7 @@ def test_a_run_with_wrappers_around_its_vector_is_not_recorded(pendulum_run):
 
 @pytest.mark.slow
 def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
-    pytest.importorskip("sb3_piano.planning.pianist")
+    pytest.importorskip("sb3_piano.players.planned")
     arguments = ["--episodes", "2", "--set", "physics=fast"]
     assert main(["record", midi_file.name, *arguments, "--no-progress"]) == 0
     out = capsys.readouterr().out

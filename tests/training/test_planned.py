@@ -22,10 +22,11 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning, RunError
 from sb3_piano.music import write_midi
 from sb3_piano.music.formats.midi_reading import read_midi
-from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement
+from sb3_piano.planning import PlanSettings, Refinement
 from sb3_piano.planning.plan_file import settings_of_plan
 from sb3_piano.planning.sampling import SamplingNoise
 from sb3_piano.players import PLAYERS, PlayerSpec
+from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.training import OpenPlayer, evaluate
 from sb3_piano.training.playing.player import PLANNED_IN

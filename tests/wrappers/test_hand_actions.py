@@ -11,7 +11,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.music import Score
-from sb3_piano.planning import PlannedPianist
+from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers import HandActions, HandReward
 from sb3_piano.wrappers.hand_actions import change_of_actions

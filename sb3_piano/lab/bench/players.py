@@ -17,8 +17,8 @@ from sb3_piano.lab.bench.measurement import Row
 from sb3_piano.lab.music.generation import generate_score
 from sb3_piano.music import Score
 from sb3_piano.music.fingering import apply_fingering
-from sb3_piano.planning import PlannedPianist, forget_plans
 from sb3_piano.players import SightReader
+from sb3_piano.players.planned import PlannedPianist, forget_plans
 
 PIECE = 600.0
 """Length of the piece that is read, s."""

@@ -24,8 +24,8 @@ from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.results.records import Physics, Result
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.score import digest
-from sb3_piano.planning import forget_plans
 from sb3_piano.players import PlayerSpec
+from sb3_piano.players.planned import forget_plans
 from sb3_piano.threads import processor_label
 from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.training.runs.folder import RunFolder

@@ -13,11 +13,11 @@ import safetensors.numpy
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music import Score
-from sb3_piano.planning import Plan, PlanSettings, Tracker, Trackers
+from sb3_piano.planning import Plan, PlanSettings, Tracker
 from sb3_piano.planning.hand_plan import HandPlan
-from sb3_piano.planning.pianist import action_of
 from sb3_piano.players import Player, PlayerSpec, TreeSettings, rollout
 from sb3_piano.players.hand_model import SIGHT_READER
+from sb3_piano.players.planned import Trackers, action_of
 from sb3_piano.training.playing.player import PLANNED_IN
 
 # Gains make up most of a plan; rounded to 1/254 of the largest they take a quarter of the room.

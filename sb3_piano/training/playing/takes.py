@@ -20,11 +20,12 @@ from sb3_piano.metrics import presses_of
 from sb3_piano.music import PianoRoll, Score, load_score
 from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.performance import Performance
-from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement
+from sb3_piano.planning import PlanSettings, Refinement
 from sb3_piano.planning.plan_file import save_plan, settings_of_plan
-from sb3_piano.planning.policy import roll_with_fingers
 from sb3_piano.planning.refinement import OnStep
 from sb3_piano.players import PlayerSpec
+from sb3_piano.players.planned import PlannedPianist
+from sb3_piano.players.policy import roll_with_fingers
 from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import compile_scene
 from sb3_piano.take import Motion, Take

@@ -11,8 +11,9 @@ from typing import Any
 from sb3_piano.envs.actions import REACH
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import FINE_TUNING
-from sb3_piano.players import CORRECTED, HandModel, PlayerResidual
+from sb3_piano.players import HandModel, PlayerResidual
 from sb3_piano.players.hand_model import FILE_NAME, SHIPPED, SIGHT_READER
+from sb3_piano.players.residual import CORRECTED
 from sb3_piano.settings import Positive, checked, refuse_unknown
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import EnvSpec

@@ -19,8 +19,9 @@ from sb3_piano.lab.web.export import _named, _naming
 from sb3_piano.lab.web.performances import plan_file, rounded, sight_read
 from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
 from sb3_piano.music import Score, load_score
-from sb3_piano.planning import PlanSettings, Tracker, Trackers
+from sb3_piano.planning import PlanSettings, Tracker
 from sb3_piano.players import TreeSettings
+from sb3_piano.players.planned import Trackers
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.player import PLANNED_IN
 from sb3_piano.viewing.stage import staged

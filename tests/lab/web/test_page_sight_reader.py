@@ -15,9 +15,9 @@ from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
 from sb3_piano.metrics import frame_f1
 from sb3_piano.music import Note, Score, load_score
 from sb3_piano.music.fingering.robot import ARMS_APART
-from sb3_piano.planning.policy import roll_with_fingers
 from sb3_piano.players import SightReader
 from sb3_piano.players.hand_model import SHIPPED
+from sb3_piano.players.policy import roll_with_fingers
 from sb3_piano.reading import KeyPlaces, both_hands, read_piece
 from sb3_piano.reading.arms import bounds_of
 from sb3_piano.simulation import compile_scene

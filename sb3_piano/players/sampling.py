@@ -11,12 +11,12 @@ import numpy.typing as npt
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.music import PianoRoll
-from sb3_piano.planning.pianist import Trackers
-from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.sampling.cost import COST_FROM_ZERO, SamplingCost
 from sb3_piano.planning.sampling.noise import NOISE_FROM_ZERO, Candidates, SamplingNoise
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.players.planned import Trackers
+from sb3_piano.players.policy import PianoPolicy
 from sb3_piano.settings import Count, Index, checked
 
 if TYPE_CHECKING:

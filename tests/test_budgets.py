@@ -33,10 +33,10 @@ LINES = {
     "metrics": 960,
     "music": 8_550,
     "pipelines": 1_354,
-    "planning": 2_775,
+    "planning": 2_700,
     "players": 2_170,
     "policies": 1_580,
-    "reading": 907,
+    "reading": 995,
     "simulation": 1_170,
     "training": 6_110,
     "tuning": 2_330,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 4_710
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_145, "modules": 326, "names": 236},
+    "core": {"lines": 49_160, "modules": 326, "names": 236},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_590},
+    "tests": {"lines": 42_616},
 }
 
 

@@ -1,10 +1,13 @@
 """A take comes back from its file with all that was played, and goes wherever a player goes."""
 
 import dataclasses
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import sb3_piano
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
@@ -94,3 +97,26 @@ def test_every_roll_out_yields_takes():
     assert take.title == TUNE.title
     assert take.scene.options == env.scene.options
     assert len(take.qpos) == len(take.piano) + 1
+
+
+def test_a_midi_file_walks_through_nine_rooms_to_what_is_heard(capsys):
+    package = Path(sb3_piano.__file__).parent
+    rooms = set()
+
+    def note(frame, event, argument):
+        file = Path(frame.f_code.co_filename)
+        if event == "call" and file.is_relative_to(package):
+            first, *rest = file.relative_to(package).parts
+            rooms.update([first] if rest and frame.f_code.co_name[0] != "<" else [])
+
+    play = ["play", "tune.mid", "--player", "sight-reader", "--physics", "fast", "--no-video"]
+    assert main([*play, "--no-progress"]) == 0  # what is only imported is no part of the walk
+    sys.setprofile(note)
+    try:
+        main([*play, "--no-progress", "--out", "again"])
+    finally:
+        sys.setprofile(None)
+    assert rooms == {
+        *("cli", "training", "players", "music", "envs"),
+        *("simulation", "reading", "metrics", "viewing"),
+    }

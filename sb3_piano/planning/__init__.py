@@ -10,7 +10,6 @@ from sb3_piano.planning.hand_plan import HandPlan as HandPlan
 from sb3_piano.planning.plan import Plan, plan
 from sb3_piano.planning.plan_file import load_plan as load_plan
 from sb3_piano.planning.plan_file import save_plan as save_plan
-from sb3_piano.planning.problems import Problem as Problem
 from sb3_piano.planning.refinement import Refinement
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker as Tracker

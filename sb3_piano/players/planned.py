@@ -18,10 +18,10 @@ from sb3_piano.music import PianoRoll
 from sb3_piano.planning.plan import Plan
 from sb3_piano.planning.plan import plan as plan_piece
 from sb3_piano.planning.plan_file import load_plan, roll_digest
-from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker
 from sb3_piano.players.policy import PianoPolicy, roll_with_fingers
+from sb3_piano.reading.problems import summary
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.engine import mujoco
 

@@ -24,8 +24,8 @@ from sb3_piano.music.fingering.robot import (
     robot_fingers,
 )
 from sb3_piano.music.presses import Press
-from sb3_piano.planning.problems import unheld
 from sb3_piano.reading.keyboard import KeyPlaces
+from sb3_piano.reading.problems import unheld
 from sb3_piano.simulation import compile_scene
 
 tables = Tables(__file__)

@@ -414,7 +414,8 @@ def _own_piece(spec: EnvSpec, env: Env, titles: Mapping[str, str]) -> str:
         return spec.id
     if len(spec.pieces) > 1:
         return f"{len(spec.pieces)} pieces"
-    played = dict.fromkeys(titles.get(s.title, s.title) for s in possible_scores(env))
+    scores = possible_scores(env) if spec.wrappers else [env.unwrapped.default_score]
+    played = dict.fromkeys(titles.get(s.title, s.title) for s in scores)
     return " or ".join(played) or spec.id
 
 

@@ -31,7 +31,7 @@ from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.presses import Press, presses_of_hand
 from sb3_piano.music.roll import EarlyRelease
-from sb3_piano.planning.problems import summary, unheld
+from sb3_piano.reading.problems import summary, unheld
 
 TIMESTEP = 0.05
 CASES = Path(__file__).parents[2] / "music" / "cases"

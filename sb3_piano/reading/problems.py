@@ -1,0 +1,85 @@
+"""Notes of a piece that the hands cannot play as written: what its roll tells of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sb3_piano.music import MIN_PITCH, PianoRoll
+from sb3_piano.music.constants import FINGER_NAMES, UNKNOWN_FINGER
+from sb3_piano.music.pitch import pitch_name
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A note that cannot be played as it is written."""
+
+    pitch: int
+    """MIDI pitch."""
+    time: float
+    """Its onset, s from the start of the episode."""
+    finger: int
+    """The finger that has it, 0 to 9, of a note that is let go as it is written; -1 for none."""
+    reason: str
+    """The problem in words."""
+    error: float = 0.0
+    """Distance of the fingertip from its place on the key, m."""
+
+    def __str__(self) -> str:
+        who = "" if self.finger == UNKNOWN_FINGER else f", {FINGER_NAMES[self.finger]}"
+        note = f"{pitch_name(self.pitch)} (pitch {self.pitch}) at {self.time:.2f} s"
+        return f"{note}{who}: {self.reason}"
+
+
+def unheld(roll: PianoRoll) -> list[Problem]:
+    """Return the notes that no finger holds as written, in order of time.
+
+    They have no finger, are let go early, or are left out. This is all that a roll tells without a
+    plan. The roll is one after :func:`~sb3_piano.music.fingering.robot.release_early`.
+    """
+    found = [*_fingerless(roll), *_released(roll)]
+    return sorted(found, key=lambda problem: problem.time)
+
+
+def _fingerless(roll: PianoRoll) -> list[Problem]:
+    """Return the notes that have no finger: more sound at once than a hand can hold."""
+    left_out = {(one.release, one.key) for one in roll.early_releases}
+    return [
+        problem_of(roll.control_timestep, key, step, UNKNOWN_FINGER, "no finger is left for it")
+        for step, key in np.argwhere(roll.onset & (roll.finger == UNKNOWN_FINGER)).tolist()
+        if (step, key) not in left_out
+    ]
+
+
+def _released(roll: PianoRoll) -> list[Problem]:
+    """Return the notes that are let go before their end, or not struck."""
+    timestep, problems = roll.control_timestep, []
+    for one in roll.early_releases:
+        if one.onset < one.release == one.offset - 1:  # rounding to control steps, nobody hears it
+            continue
+        instead = pitch_name(MIN_PITCH + one.for_key)
+        reason = f"let go early by {(one.offset - one.release) * timestep:.2f} s for {instead}"
+        if one.release <= one.onset:
+            reason = f"left out by the hand, which plays {instead}"
+        problems.append(problem_of(timestep, one.key, one.onset, one.finger, reason))
+    return problems
+
+
+def problem_of(
+    timestep: float, key: int, step: int, finger: int, reason: str, error: float = 0.0
+) -> Problem:
+    """Return the problem of a note by its key and first control step."""
+    return Problem(MIN_PITCH + key, step * timestep, finger, reason, error)
+
+
+def summary(problems: Sequence[Problem], shown: int = 5) -> str:
+    """Return the problems in words, the first ones by name."""
+    kinds = Counter(problem.reason.split(" by ")[0] for problem in problems)
+    listed = "; ".join(str(problem) for problem in problems[:shown])
+    more = f"; and {len(problems) - shown} more" if len(problems) > shown else ""
+    counted = ", ".join(f"{count} x {kind}" for kind, count in kinds.items())
+    notes = "1 note" if len(problems) == 1 else f"{len(problems)} notes"
+    return f"{notes} cannot be played as written ({counted}): {listed}{more}."

@@ -202,50 +202,42 @@ def test_each_stage_starts_from_what_the_one_before_has_learnt(write_piano, run,
     assert resume(second.path, 75, progress_bar=False).num_timesteps == 75
 
 
+OWN = {"sb3_piano.callbacks.F1Callback": {"eval_freq": 40, "evaluate_start": True}}
+BOTH = [OWN, {"sb3_piano.callbacks.OnsetF1Callback": {"eval_freq": 30}}]
+
+
 @pytest.mark.slow
 def test_a_condition_that_is_met_ends_its_stage(write_piano, run):
+    """It goes by the callbacks that evaluate; the model is the one that was evaluated."""
     file = write_piano(
         {"piece": "hanon-01", "until": {"f1": 0, "eval_freq": 25}},
         {"piece": "hanon-02", "until": {"f1": 0, "onset_recall": 1, "eval_freq": 25}},
         {"piece": "hanon-03", "until": {"recall": 0, "eval_freq": 25, "patience": 2}},
+        {"piece": "hanon-01", "callback": [OWN], "until": {"f1": 0}, "name": "good at once"},
+        {"piece": "hanon-01", "callback": BOTH, "until": {"f1": 1}, "n_timesteps": 45},
+        {"piece": "hanon-01", "callback": BOTH, "until": {"f1": 1, "eval_freq": 20}},
     )
     result = run(file)
-    assert ends(result) == [
-        ("1_hanon-01", 25, "condition"),
-        ("2_hanon-02", 60, "budget"),
-        ("3_hanon-03", 50, "condition"),
+    assert [end[1:] for end in ends(result)] == [
+        *((25, "condition"), (60, "budget"), (50, "condition")),
+        *((1, "condition"), (45, "budget"), (60, "budget")),
     ]
-    assert evaluated(result.runs) == [[25], [25, 50], [25, 50]]
+    steps = [[25], [25, 50], [25, 50], [0], [0, 30, 40], [0, 20, 40, 60]]
+    assert evaluated(result.runs) == steps
     metrics = result.runs[1].job.evaluations()[0].metrics
     assert {"f1", "onset_f1", "onset_recall"} <= metrics.keys()
-    # It is the model that was evaluated.
     assert SAC.load(folders(result)[0].model_file).num_timesteps == 25
+    assert [plugin.path for plugin in folders(result)[4].read_config().callback] == [
+        "sb3_piano.callbacks.F1Callback",
+        "sb3_piano.callbacks.OnsetF1Callback",
+        "sb3_piano.training.StartFromRun",
+    ]
     known = [run.result for run in curriculum_status(result.folder)]
     assert known == [run.result for run in result.runs]
     before = content(result.folder)
     again = run(file)
     assert again.had_finished
     assert (ends(again), content(result.folder)) == (ends(result), before)
-
-
-@pytest.mark.slow
-def test_the_condition_goes_by_the_callbacks_that_evaluate(write_piano, run):
-    own = {"sb3_piano.callbacks.F1Callback": {"eval_freq": 40, "evaluate_start": True}}
-    other = {"sb3_piano.callbacks.OnsetF1Callback": {"eval_freq": 30}}
-    file = write_piano(
-        {"piece": "hanon-01", "callback": [own], "until": {"f1": 0}},
-        {"piece": "hanon-01", "callback": [own, other], "until": {"f1": 1}, "n_timesteps": 45},
-        {"piece": "hanon-01", "callback": [own, other], "until": {"f1": 1, "eval_freq": 20}},
-    )
-    result = run(file)
-    # Before its first step the first stage was good enough.
-    assert [end[1:] for end in ends(result)] == [(1, "condition"), (45, "budget"), (60, "budget")]
-    assert evaluated(result.runs) == [[0], [0, 30, 40], [0, 20, 40, 60]]
-    assert [plugin.path for plugin in folders(result)[1].read_config().callback] == [
-        "sb3_piano.callbacks.F1Callback",
-        "sb3_piano.callbacks.OnsetF1Callback",
-        "sb3_piano.training.StartFromRun",
-    ]
 
 
 def test_a_metric_that_the_environment_does_not_tell_is_named(write, run):
@@ -441,14 +433,6 @@ def test_stages_that_are_changed_have_to_fit_what_has_begun(begun, write):
     assert load_curriculum(result.folder).stages[2].settings.get("normalize") is None
 
 
-def test_a_folder_with_anything_else_is_refused_and_left_alone(write, run, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "notes.txt").write_text("mine")
-    with pytest.raises(RunError, match="is not empty, and holds no curriculum"):
-        run(write(PENDULUM))
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["notes.txt"]
-
-
 def test_one_process_at_a_time_trains_in_a_folder(write, run, tmp_path):
     with (
         hold(tmp_path / "out" / ".lock"),
@@ -474,8 +458,18 @@ def test_numbers_out_of_range_are_refused(write, run, tmp_path, option):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_of_a_former_version_is_refused(begun, write):
-    again, result = begun
-    (result.folder / "curriculum.json").write_text("{}")
-    with pytest.raises(RunError, match="was begun by an older version: expected another folder"):
-        again(write(PENDULUM))
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("notes.txt", "is not empty, and holds no curriculum"),
+        ("curriculum.json", "was begun by an older version: expected another folder"),
+    ],
+)
+def test_a_folder_of_something_else_or_older_is_refused_and_left_alone(
+    write, run, tmp_path, name, message
+):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text("mine")
+    with pytest.raises(RunError, match=message):
+        run(write(PENDULUM))
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [name]

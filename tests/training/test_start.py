@@ -79,6 +79,8 @@ class Watched(BaseCallback):
         buffer = getattr(self.model, "replay_buffer", None)
         self.rows = None if buffer is None else buffer.size()
         self.ended = bool(self.rows) and buffer.dones[self.rows - 1].all()
+        normalizer = self.model.get_vec_normalize_env()
+        self.count = None if normalizer is None else normalizer.obs_rms.count
 
     def _on_step(self):
         model = self.model
@@ -104,40 +106,31 @@ def flat(model):
     return found
 
 
-def started(config, run, folder, steps=40, **start):
-    """Train on from a run and return what was watched."""
-    watched = Watched()
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path), **start}}
-    settings = config(run.read_config().algo, callback=plugin, n_timesteps=steps, seed=5)
-    train(settings, folder, callbacks=[watched], progress_bar=False)
-    return watched
+def start(run, **options):
+    """Return the callback that starts from a run."""
+    return {"sb3_piano.training.StartFromRun": {"run": str(run.path), **options}}
 
 
-def test_the_options_of_optimizers_are_those_of_the_new_training(config, source, tmp_path):
-    run = source("sac")
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path)}}
-    options = {"net_arch": [8], "optimizer_kwargs": {"weight_decay": 0.25}}
-    found = {}
+@pytest.fixture
+def begin(tmp_path):
+    """Return a function that trains with settings, and returns what was watched, and the run."""
 
-    class Look(BaseCallback):
-        def _on_training_start(self):
-            (group,) = self.model.actor.optimizer.param_groups
-            found.update(decay=group["weight_decay"], state=flat(self.model))
+    def make(settings, **options):
+        watched = Watched()
+        options = {"callbacks": [watched], "progress_bar": False, **options}
+        watched.folder = train(settings, tmp_path / "next", **options).folder
+        return watched
 
-        def _on_step(self):
-            return False
-
-    settings = config("sac", callback=plugin, algorithm_kwargs={"policy_kwargs": options})
-    train(settings, tmp_path / "run", callbacks=[Look()], progress_bar=False)
-    assert found["decay"] == 0.25
-    assert any("exp_avg" in name for name in found["state"])
+    return make
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, tmp_path, algo):
+def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, begin, algo):
     run = source(algo)
     saved = run.read_config().algorithm.load(run.model_file)
-    watched = started(config, run, tmp_path / "next")
+    options = {"net_arch": [8], "optimizer_kwargs": {"weight_decay": 0.25}}
+    own = config(algo, callback=start(run), algorithm_kwargs={"policy_kwargs": options})
+    watched = begin(own)
     expected = flat(saved)
     assert watched.parameters.keys() == expected.keys()
     assert any(".exp_avg" in name for name in expected)
@@ -146,21 +139,24 @@ def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, tm
     if algo in ("sac", "tqc"):
         assert torch.equal(watched.coefficient, saved.log_ent_coef)
         assert saved.log_ent_coef.item() != 0.0
+    # Options of optimizers are those of the new training.
+    policy = watched.model.policy
+    (group,) = getattr(policy, "actor", policy).optimizer.param_groups
+    assert group["weight_decay"] == 0.25
 
 
 @pytest.mark.parametrize("before", ["auto", 0.3])
-def test_the_entropy_coefficient_may_begin_anew(config, source, tmp_path, before):
+def test_the_entropy_coefficient_may_begin_anew(config, source, begin, before):
     run = source(algorithm_kwargs={"ent_coef": before})
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path), "with_entropy": False}}
-    watched = Watched()
-    own = config(callback=plugin, n_timesteps=20, algorithm_kwargs={"ent_coef": "auto_0.25"})
-    folder = train(own, tmp_path / "next", callbacks=[watched], progress_bar=False).folder
+    begun = start(run, with_entropy=False)
+    own = config(callback=begun, n_timesteps=20, algorithm_kwargs={"ent_coef": "auto_0.25"})
+    watched = begin(own)
     assert watched.coefficient.exp().item() == pytest.approx(0.25)
     saved = flat(own.algorithm.load(run.model_file))
     entropy = {name for name in saved if name.startswith("ent_coef_optimizer")}
     assert watched.parameters.keys() == saved.keys() - entropy
     assert all(torch.equal(watched.parameters[name], saved[name]) for name in watched.parameters)
-    learnt = own.algorithm.load(folder.model_file).log_ent_coef.exp().item()
+    learnt = own.algorithm.load(watched.folder.model_file).log_ent_coef.exp().item()
     assert learnt != pytest.approx(0.25)
 
 
@@ -168,29 +164,23 @@ def test_the_entropy_coefficient_may_begin_anew(config, source, tmp_path, before
     ("algo", "options"), [("sac", {"ent_coef": 0.1}), ("td3", {}), ("ppo", {})]
 )
 def test_without_one_that_is_learnt_there_is_none_to_begin_anew(
-    config, source, tmp_path, algo, options
+    config, source, begin, algo, options
 ):
-    start = {"run": str(source(algo).path), "with_entropy": False}
-    own = config(
-        algo, callback={"sb3_piano.training.StartFromRun": start}, algorithm_kwargs=options
-    )
+    own = config(algo, callback=start(source(algo), with_entropy=False), algorithm_kwargs=options)
     assert not own.learns_entropy
     message = f"with_entropy is false, but this {algo.upper()} learns no entropy coefficient"
     with pytest.raises(ConfigError, match=message):
-        train(own, tmp_path / "next", progress_bar=False)
+        begin(own)
 
 
 @pytest.mark.parametrize(("seed_steps", "first"), [(None, 8), (12, 12), (0, 1)])
 def test_the_loaded_policy_fills_the_buffer_without_an_update(
-    config, source, tmp_path, seed_steps, first
+    config, source, begin, seed_steps, first
 ):
-    run = source("td3", noise_type="normal", noise_std=1e-6)
-    start = {} if seed_steps is None else {"seed_steps": seed_steps}
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path), **start}}
-    watched = Watched()
     noise = {"noise_type": "normal", "noise_std": 1e-6}
-    own = config("td3", callback=plugin, n_timesteps=30, **noise)
-    train(own, tmp_path / "next", callbacks=[watched], progress_bar=False)
+    options = {} if seed_steps is None else {"seed_steps": seed_steps}
+    begun = start(source("td3", **noise), **options)
+    watched = begin(config("td3", callback=begun, n_timesteps=30, **noise))
     before = watched.updates[0]  # those of the run are not counted on
     assert watched.updates[:first] == [before] * first
     assert watched.updates[first:] == list(range(before + 1, before + 31 - first))
@@ -198,45 +188,27 @@ def test_the_loaded_policy_fills_the_buffer_without_an_update(
         np.testing.assert_allclose(action, policy, atol=1e-4)
 
 
-def test_several_environments_fill_the_buffer_together(config, source, tmp_path):
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(source().path), "seed_steps": 11}}
-    watched = Watched()
-    train(
-        config(n_envs=2, callback=plugin),
-        tmp_path / "next",
-        callbacks=[watched],
-        progress_bar=False,
-    )
+def test_several_environments_fill_the_buffer_together(config, source, begin):
+    watched = begin(config(n_envs=2, callback=start(source(), seed_steps=11)))
     before = watched.updates[0]
     assert watched.updates[:8] == [before] * 6 + [before + 1, before + 2]
 
 
-def test_an_entropy_coefficient_that_is_fixed_is_the_new_runs(config, source, tmp_path):
-    run = source(algorithm_kwargs={"ent_coef": 0.3})
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path)}}
-    own = config(callback=plugin, n_timesteps=10, algorithm_kwargs={"ent_coef": 0.1})
-    folder = train(own, tmp_path / "next", progress_bar=False).folder
-    assert own.algorithm.load(folder.model_file).ent_coef_tensor.item() == pytest.approx(0.1)
+def test_an_entropy_coefficient_that_is_fixed_is_the_new_runs(config, source, begin):
+    begun = start(source(algorithm_kwargs={"ent_coef": 0.3}))
+    own = config(callback=begun, n_timesteps=10, algorithm_kwargs={"ent_coef": 0.1})
+    model = own.algorithm.load(begin(own).folder.model_file)
+    assert model.ent_coef_tensor.item() == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(("with_buffer", "rows"), [(False, 0), (True, 80)])
-def test_the_buffer_is_new_or_kept(config, source, tmp_path, with_buffer, rows):
-    watched = started(config, source(), tmp_path / "next", with_buffer=with_buffer)
+def test_the_buffer_is_new_or_kept(config, source, begin, with_buffer, rows):
+    own = config(callback=start(source(), with_buffer=with_buffer), n_timesteps=40, seed=5)
+    watched = begin(own)
     assert watched.rows == rows
     assert watched.ended == with_buffer  # n-step returns must not run on into the new episodes
     assert watched.updates[1] == (1 if with_buffer else 0)
-    saved = Checkpoint.read(tmp_path / "next" / "checkpoint")
-    assert saved.replay.total == rows + 40
-
-
-def test_a_training_that_is_resumed_keeps_its_own_networks(config, source, tmp_path):
-    run = source()
-    started(config, run, tmp_path / "next")
-    own = flat(run.read_config().algorithm.load(tmp_path / "next" / "model.zip"))
-    watched = Watched()
-    resume(tmp_path / "next", 60, callbacks=[watched], progress_bar=False)
-    assert all(torch.equal(watched.parameters[name], tensor) for name, tensor in own.items())
-    assert watched.updates[2] > watched.updates[0]  # it is not seeded again
+    assert Checkpoint.read(watched.folder.checkpoint_dir).replay.total == rows + 40
 
 
 class StopsEarly(BaseCallback):
@@ -246,59 +218,45 @@ class StopsEarly(BaseCallback):
         return self.num_timesteps < 5
 
 
-def test_updates_go_on_as_they_should_after_a_seeding_that_was_ended(config, source, tmp_path):
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(source().path), "seed_steps": 30}}
-    own = config(callback=plugin, n_timesteps=25)
-    train(own, tmp_path / "next", callbacks=[StopsEarly()], progress_bar=False)
+def test_a_training_that_is_resumed_keeps_its_own_networks_and_is_not_seeded_again(
+    config, source, begin
+):
+    own = config(callback=start(source(), seed_steps=30), n_timesteps=25)
+    folder = begin(own, callbacks=[StopsEarly()]).folder
+    saved = flat(own.algorithm.load(folder.model_file))
     watched = Watched()
-    resume(tmp_path / "next", callbacks=[watched], progress_bar=False)
+    resume(folder.path, callbacks=[watched], progress_bar=False)
+    assert all(torch.equal(watched.parameters[name], tensor) for name, tensor in saved.items())
     assert np.diff(watched.updates).tolist() == [1] * 19
 
 
-def test_statistics_of_observations_come_along(config, source, tmp_path):
-    run = source(normalize=True)
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path)}}
-
-    class Counted(BaseCallback):
-        def _on_training_start(self):
-            self.count = self.model.get_vec_normalize_env().obs_rms.count
-
-        def _on_step(self):
-            return True
-
-    counted = Counted()
-    own = config(normalize=True, callback=plugin, n_timesteps=10)
-    train(own, tmp_path / "next", callbacks=[counted], progress_bar=False)
-    assert counted.count > 80
+def test_statistics_of_observations_come_along(config, source, begin, tmp_path):
+    begun = start(source(normalize=True))
+    watched = begin(config(normalize=True, callback=begun, n_timesteps=10))
+    assert watched.count > 80
     with pytest.raises(ConfigError, match="normalises observations and rewards, unlike this"):
-        train(config(callback=plugin), tmp_path / "other", progress_bar=False)
+        train(config(callback=begun), tmp_path / "other", progress_bar=False)
 
 
 @pytest.mark.parametrize(
-    ("changes", "error", "message"),
+    ("algo", "changes", "error", "message"),
     [
-        ({"algo": "td3"}, ConfigError, "is of 'sac', this training of TD3"),
-        ({"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, ConfigError, "do not fit"),
-        ({"algorithm_kwargs": {"ent_coef": 0.1}}, ConfigError, "and its ent_coef"),
-        ({"env_id": "MountainCarContinuous-v0"}, ConfigError, "has the observation_space Box"),
-        ({"algorithm_kwargs": {"buffer_size": 50}}, RunError, "200 rows of 1 environment"),
+        ("sac", {"algo": "td3"}, ConfigError, "is of 'sac', this training of TD3"),
+        ("sac", {"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, ConfigError, "not fit"),
+        ("sac", {"algorithm_kwargs": {"ent_coef": 0.1}}, ConfigError, "and its ent_coef"),
+        ("sac", {"env_id": "MountainCarContinuous-v0"}, ConfigError, "the observation_space Box"),
+        ("sac", {"algorithm_kwargs": {"buffer_size": 50}}, RunError, "200 rows of 1 environment"),
+        ("ppo", {"algo": "ppo"}, ConfigError, "There is no replay buffer to take"),
     ],
 )
 def test_what_does_not_fit_is_refused_and_leaves_no_folder(
-    config, source, tmp_path, changes, error, message
+    config, source, begin, tmp_path, algo, changes, error, message
 ):
-    start = {"run": str(source().path), "with_buffer": error is RunError}
-    own = config(callback={"sb3_piano.training.StartFromRun": start}, **changes)
+    asks = error is RunError or algo == "ppo"
+    own = config(callback=start(source(algo), with_buffer=asks), **changes)
     with pytest.raises(error, match=message):
-        train(own, tmp_path / "next", progress_bar=False)
+        begin(own)
     assert not (tmp_path / "next").exists()
-
-
-def test_of_an_on_policy_run_there_is_no_buffer(config, source, tmp_path):
-    start = {"run": str(source("ppo").path), "with_buffer": True}
-    own = config("ppo", callback={"sb3_piano.training.StartFromRun": start})
-    with pytest.raises(ConfigError, match="There is no replay buffer to take"):
-        train(own, tmp_path / "next", progress_bar=False)
 
 
 def test_settings_are_those_of_the_run_with_what_is_given(config, source):
@@ -307,18 +265,18 @@ def test_settings_are_those_of_the_run_with_what_is_given(config, source):
     assert found.env_kwargs == {"max_episode_steps": 20, "g": 9.0}
     assert (found.n_timesteps, found.seed) == (30, None)
     assert found.algorithm_kwargs == run.read_config().algorithm_kwargs
-    (start,) = found.callback
-    assert start.kwargs == {"run": str(run.path.absolute())}
+    (begun,) = found.callback
+    assert begun.kwargs == {"run": str(run.path.absolute())}
     again = load_start(run.path, "MountainCarContinuous-v0", with_buffer=True)
     assert again.env_id == "MountainCarContinuous-v0"
     assert again.callback[0].kwargs["with_buffer"] is True
 
 
 def test_a_start_from_a_run_that_started_from_another_one_has_one_start(config, source, tmp_path):
-    plugin = {"sb3_piano.training.StartFromRun": {"run": str(source().path)}}
-    second = train(config(callback=plugin), tmp_path / "second", progress_bar=False).folder
-    (start,) = load_start(second.path).callback
-    assert start.kwargs["run"] == str(second.path.absolute())
+    begun = config(callback=start(source()))
+    second = train(begun, tmp_path / "second", progress_bar=False).folder
+    (last,) = load_start(second.path).callback
+    assert last.kwargs["run"] == str(second.path.absolute())
 
 
 def test_another_piece_and_other_hyperparameters_take_the_place_of_the_runs(source, tmp_path):

@@ -48,16 +48,6 @@ def test_overrides_replace_keys_and_env_kwargs_are_added():
     assert config.env_kwargs == {"max_episode_steps": 9, "render_mode": None, "g": 5.0}
 
 
-def test_an_unknown_environment_is_answered_before_the_file_is_read():
-    with pytest.raises(ConfigError, match=r"^Unknown environment 'Pendulum-v9'"):
-        load_config("td3", "Pendulum-v9", ZOO_FILE)
-
-
-def test_an_environment_without_entry_is_answered_with_the_nearest_one():
-    with pytest.raises(ConfigError, match=r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"):
-        load_config("td3", "MountainCar-v0", ZOO_FILE)
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -71,35 +61,48 @@ def test_an_environment_without_entry_is_answered_with_the_nearest_one():
         ("Pendulum-v1: {n_timesteps: 5, gama: 1}", "entry 'Pendulum-v1': Unknown key 'gama' of"),
         ("default: {n_timesteps: 5, tau: low}", "a.yml', entry 'default': tau is 'low': expected"),
         ("default: {n_timesteps: 5, 3: 4}", r"a\.yml' has the key 3: expected text"),
+        (f"default: {{n_timesteps: {'1' * 5000}}}", "is not valid YAML: Exceeds the limit"),
+        ("a: {yes: 1}", "key True: expected text"),
+        ("a: &a [*a]", "nested without end"),
+        (
+            "a: &a0 [1]\n" + "".join(f"b{i}: &a{i + 1} [*a{i}, *a{i}]\n" for i in range(30)),
+            "nested without end",
+        ),
+        ("a: " + "[" * 100_000, "nested deeper than 50 levels"),
+        ("a: " + "- " * 5000, "not valid YAML"),
+        ("a: " + "x" * 2**21, "more than 2097152 bytes"),
+        (b"\xff\xfe\xff", r"a\.yml' cannot be read: it is not UTF-8"),
+        (None, r"a\.yml' cannot be read: No such file"),
+    ],
+    ids=range(19),
+)
+def test_a_file_that_cannot_be_used_is_named_with_the_reason_in_a_line(tmp_path, content, message):
+    path = tmp_path / "a.yml"
+    if content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_config("td3", "Pendulum-v1", path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 1500
+
+
+@pytest.mark.parametrize(
+    ("env_id", "file", "changes", "message"),
+    [
+        ("Pendulum-v9", ZOO_FILE, {}, r"^Unknown environment 'Pendulum-v9'"),
+        ("MountainCar-v0", ZOO_FILE, {}, r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"),
+        ("Pendulum-v1", ZOO_FILE, {"n_envs": 0}, "'Pendulum-v1' with n_envs replaced: n_envs is 0"),
+        ("Pendulum-v1", [1], {}, r"config is \[1\]: expected a YAML file"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_named_with_the_reason(tmp_path, content, message):
-    path = tmp_path / "a.yml"
-    path.write_text(content)
+def test_what_is_asked_for_and_cannot_be_read_is_named(env_id, file, changes, message):
     with pytest.raises(ConfigError, match=message):
-        load_config("td3", "Pendulum-v1", path)
+        load_config("td3", env_id, file, **changes)
 
 
-def test_numbers_that_python_refuses_are_told(tmp_path, capsys):
-    path = tmp_path / "long.yml"
-    path.write_text(f"default:\n  n_timesteps: {'1' * 5000}\n")
-    with pytest.raises(ConfigError, match="long.yml' is not valid YAML: Exceeds the limit"):
-        load_config("td3", "Pendulum-v1", path)
+def test_numbers_that_python_refuses_are_told_of_options_too(capsys):
     assert main(["record", "CMajorScaleOneHand", "--set", f"width={'1' * 5000}"]) == 2
     assert "its value is not valid YAML: Exceeds the limit" in capsys.readouterr().err
-
-
-def test_a_missing_or_binary_file_is_named(tmp_path):
-    with pytest.raises(ConfigError, match=r"none\.yml' cannot be read: No such file"):
-        load_config("td3", "Pendulum-v1", tmp_path / "none.yml")
-    (tmp_path / "binary.yml").write_bytes(b"\xff\xfe\xff")
-    with pytest.raises(ConfigError, match=r"binary\.yml' cannot be read: it is not UTF-8"):
-        load_config("td3", "Pendulum-v1", tmp_path / "binary.yml")
-
-
-def test_a_wrong_override_is_named_as_such():
-    with pytest.raises(ConfigError, match="'Pendulum-v1' with n_envs replaced: n_envs is 0"):
-        load_config("td3", "Pendulum-v1", ZOO_FILE, n_envs=0)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "sac", "td3", "tqc"])
@@ -118,33 +121,3 @@ def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
         "sb3_piano.callbacks.F1Callback",
         {"eval_freq": 10000},
     )
-
-
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        ("5: 1", "key 5: expected text"),
-        ("a: {yes: 1}", "key True: expected text"),
-        ("a: &a [*a]", "nested without end"),
-        (
-            "a: &a0 [1]\n" + "".join(f"b{i}: &a{i + 1} [*a{i}, *a{i}]\n" for i in range(30)),
-            "nested without end",
-        ),
-        ("a: " + "[" * 100_000, "nested deeper than 50 levels"),
-        ("a: " + "- " * 5000, "not valid YAML"),
-        ("a: " + "x" * 2**21, "more than 2097152 bytes"),
-    ],
-    ids=range(7),
-)
-def test_what_cannot_be_settings_is_refused_in_a_line(tmp_path, content, told):
-    file = tmp_path / "file.yml"
-    file.write_text(content)
-    with pytest.raises(ConfigError, match=told) as caught:
-        load_config("td3", "Pendulum-v1", file)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 1500
-
-
-def test_a_list_is_no_file():
-    with pytest.raises(ConfigError, match=r"config is \[1\]: expected a YAML file"):
-        load_config("td3", "Pendulum-v1", [1])

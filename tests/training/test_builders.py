@@ -82,17 +82,22 @@ def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
     assert [episode["r"] for episode in episodes] == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.parametrize("vec_env", VEC_ENVS)
-def test_an_environment_that_refuses_its_arguments_is_named(build, vec_env):
-    with pytest.raises(ConfigError, match="'Pendulum-v1' cannot be made with .*'gravity'"):
-        build(vec_env=vec_env, env_kwargs={"gravity": 3})
-
-
-def test_a_wrapper_that_refuses_its_arguments_is_named(build):
-    with pytest.raises(
-        ConfigError, match="RescaleAction cannot be called with {'low': 0}: missing"
-    ):
-        build(env_wrapper={"gymnasium.wrappers.RescaleAction": {"low": 0}})
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        *(
+            ({"vec_env": kind, "env_kwargs": {"gravity": 3}}, "cannot be made with .*'gravity'")
+            for kind in VEC_ENVS
+        ),
+        (
+            {"env_wrapper": {"gymnasium.wrappers.RescaleAction": {"low": 0}}},
+            "RescaleAction cannot be called with {'low': 0}: missing",
+        ),
+    ],
+)
+def test_an_environment_or_a_wrapper_that_refuses_its_arguments_is_named(build, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        build(**changes)
 
 
 def test_the_model_gets_classes_schedules_and_tuples(build, small_config):

@@ -117,17 +117,13 @@ def test_what_a_killed_process_began_of_a_folder_is_made_anew(small_config, tmp_
     assert RunFolder.create(config, place).read_config().env_kwargs["score"].endswith("score.mid")
 
 
-def test_a_folder_that_holds_a_run_is_refused_with_the_way_to_resume_it(small_config, tmp_path):
+def test_a_folder_that_is_taken_is_refused_with_the_way_to_go_on(small_config, tmp_path):
     RunFolder.create(small_config(), tmp_path / "run")
     with pytest.raises(RunError, match=r"holds a run already: .* sb3-piano train --resume .*run"):
         RunFolder.create(small_config(), tmp_path / "run")
-
-
-def test_a_folder_that_is_not_empty_is_refused(small_config, tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(RunError, match="is not empty: expected a new or empty one"):
         RunFolder.create(small_config(), tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_a_folder_that_another_process_is_making_a_run_in_is_refused(small_config, tmp_path):
@@ -157,26 +153,22 @@ def test_a_folder_that_could_not_be_filled_is_taken_away(small_config, tmp_path,
     assert list((tmp_path / "td3").iterdir()) == []
 
 
-def test_what_is_no_run_is_refused(tmp_path):
-    with pytest.raises(RunError, match=r"There is no folder '.*none': expected a folder that 'sb3"):
-        RunFolder.open(tmp_path / "none")
-    with pytest.raises(RunError, match="is no run, it has no config.yml"):
-        RunFolder.open(tmp_path)
-
-
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("content", "error", "message"),
     [
-        ("", r"config\.yml' holds NoneType"),
-        ("algo: td3\n", r"config\.yml': env_id is missing"),
-        ("algo: [", r"config\.yml' is not valid YAML"),
+        (None, RunError, "is no run, it has no config.yml"),
+        ("", ConfigError, r"config\.yml' holds NoneType"),
+        ("algo: td3\n", ConfigError, r"config\.yml': env_id is missing"),
+        ("algo: [", ConfigError, r"config\.yml' is not valid YAML"),
     ],
 )
-def test_a_damaged_config_is_named(small_config, tmp_path, content, message):
-    folder = RunFolder.create(small_config(), tmp_path / "run")
-    folder.config_file.write_text(content)
-    with pytest.raises(ConfigError, match=message):
-        folder.read_config()
+def test_what_is_no_run_or_a_damaged_one_is_named(tmp_path, content, error, message):
+    with pytest.raises(RunError, match=r"There is no folder '.*none': expected a folder that 'sb3"):
+        RunFolder.open(tmp_path / "none")
+    if content is not None:
+        (tmp_path / "config.yml").write_text(content)
+    with pytest.raises(error, match=message):
+        RunFolder.open(tmp_path).read_config()
 
 
 pytestmark = pytest.mark.slow

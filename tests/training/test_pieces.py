@@ -85,18 +85,18 @@ def played(config, episodes=12):
     return list(map(set, zip(*titles, strict=True)))
 
 
-@pytest.mark.parametrize("vec_env", ["dummy", "threads"])
-def test_each_environment_plays_the_piece_that_it_is_dealt(config, vec_env):
-    assert played(config(n_envs=3, vec_env=vec_env), 2) == [{"60"}, {"62"}, {"64"}]
-
-
-def test_with_fewer_environments_pieces_are_drawn_for_each_episode(config):
-    assert played(config(n_envs=2)) == [{"60", "64"}, {"62"}]
-    assert played(config()) == [{"60", "62", "64"}]
-
-
-def test_with_more_environments_pieces_are_played_by_several(config):
-    assert played(config(n_envs=5), 1) == [{"60"}, {"62"}, {"64"}, {"60"}, {"62"}]
+@pytest.mark.parametrize(
+    ("changes", "episodes", "expected"),
+    [
+        ({"n_envs": 3}, 2, [{"60"}, {"62"}, {"64"}]),
+        ({"n_envs": 3, "vec_env": "threads"}, 2, [{"60"}, {"62"}, {"64"}]),
+        ({"n_envs": 2}, 12, [{"60", "64"}, {"62"}]),  # drawn for each episode
+        ({}, 12, [{"60", "62", "64"}]),
+        ({"n_envs": 5}, 1, [{"60"}, {"62"}, {"64"}, {"60"}, {"62"}]),
+    ],
+)
+def test_each_environment_plays_the_pieces_that_it_is_dealt(config, changes, episodes, expected):
+    assert played(config(**changes), episodes) == expected
 
 
 def test_what_was_chosen_of_studies_is_true_of_all_of_them(config):
@@ -181,19 +181,20 @@ def test_pieces_that_cannot_be_played_are_refused(config, changes, message):
         config(**changes)
 
 
-def test_observations_that_differ_by_piece_are_refused(config):
-    for vec_env in ("dummy", "processes"):
-        with pytest.raises(ConfigError, match=r"With the piece '.*62.mid' the observation is"):
-            build_vec_env(
-                config(n_envs=2, vec_env=vec_env, env_wrapper={KEY_RANGE: {"keys": "piece"}})
-            )
+SCALES = ["debug-CMajorScaleOneHand", "debug-DMajorScaleOneHand"]
 
 
-def test_observations_of_other_keys_are_refused_though_they_are_as_wide(config):
-    pieces = ["debug-CMajorScaleOneHand", "debug-DMajorScaleOneHand"]
-    own = config(pieces=pieces, n_envs=2, env_wrapper={KEY_RANGE: {"keys": "piece"}})
-    with pytest.raises(ConfigError, match="'debug-DMajorScaleOneHand' the observation shows other"):
-        build_vec_env(own)
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({}, r"With the piece '.*62.mid' the observation is"),
+        ({"vec_env": "processes"}, r"With the piece '.*62.mid' the observation is"),
+        ({"pieces": SCALES}, "'debug-DMajorScaleOneHand' the observation shows other"),  # as wide
+    ],
+)
+def test_observations_that_differ_by_piece_are_refused(config, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        build_vec_env(config(n_envs=2, env_wrapper={KEY_RANGE: {"keys": "piece"}}, **changes))
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """Training, Ctrl-C, and going on from where it stopped."""
 
 import dataclasses
-import json
 import shutil
 import signal
 import threading
@@ -99,21 +98,20 @@ def test_an_interruption_saves_and_says_so(run, action):
     assert saved.replay.total == (49 if action == "keyboard" else 50)
 
 
-def test_an_interrupted_on_policy_training_ends_within_its_rollout(ppo_config, tmp_path):
-    config = dataclasses.replace(ppo_config, callback=act_at(50, "SIGINT"))
-    result = train(config, tmp_path / "run", progress_bar=False)
-    assert (result.interrupted, result.num_timesteps) == (True, 50)
-    assert PPO.load(result.folder.model_file).num_timesteps == 50
-
-
-def test_an_on_policy_training_whose_steps_are_all_done_learns_from_its_last_rollout(
-    ppo_config, tmp_path
+@pytest.mark.parametrize(
+    ("n_timesteps", "step", "done", "interrupted"), [(80, 50, 50, True), (50, 55, 60, False)]
+)
+def test_an_on_policy_training_ends_within_its_rollout_unless_it_is_the_last(
+    ppo_config, tmp_path, n_timesteps, step, done, interrupted
 ):
-    config = dataclasses.replace(ppo_config, n_timesteps=50, callback=act_at(55, "SIGINT"))
+    whole = dataclasses.replace(ppo_config, n_timesteps=n_timesteps)
+    config = dataclasses.replace(whole, callback=act_at(step, "SIGINT"))
     result = train(config, tmp_path / "run", progress_bar=False)
-    assert (result.interrupted, result.num_timesteps) == (False, 60)
-    whole = train(dataclasses.replace(config, callback=()), tmp_path / "whole", progress_bar=False)
-    assert torch.equal(parameters(result.folder, PPO), parameters(whole.folder, PPO))
+    assert (result.interrupted, result.num_timesteps) == (interrupted, done)
+    assert PPO.load(result.folder.model_file).num_timesteps == done
+    if not interrupted:  # it learns from its last rollout
+        all_of_it = train(whole, tmp_path / "whole", progress_bar=False).folder
+        assert torch.equal(parameters(result.folder, PPO), parameters(all_of_it, PPO))
 
 
 @pytest.mark.parametrize(("step", "action"), [(50, "stop"), (100, "SIGINT")])
@@ -301,20 +299,17 @@ def test_another_run_than_asked_for_is_refused(run, asked, message):
         resume(folder.path, 40, **asked)
 
 
-def test_a_checkpoint_of_another_run_is_refused(run):
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        ("checkpoint", '"td3"', '"sac"', "is of a run with algo 'sac', but .* has 'td3'"),
+        ("both", "Pendulum-v1", "MountainCarContinuous-v0", "expected a model that TD3 saved for"),
+    ],
+)
+def test_a_checkpoint_or_a_model_of_another_run_is_refused(run, file, old, new, message):
     folder = run(n_timesteps=20).folder
-    path = folder.checkpoint_dir / "checkpoint.json"
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "labels": {"algo": "sac"}}))
-    with pytest.raises(RunError, match="is of a run with algo 'sac', but .* has 'td3'"):
-        resume(folder.path, 40)
-
-
-def test_a_model_of_another_environment_is_refused(run):
-    folder = run(n_timesteps=20).folder
-    text = folder.config_file.read_text()
-    folder.config_file.write_text(text.replace("Pendulum-v1", "MountainCarContinuous-v0"))
-    path = folder.checkpoint_dir / "checkpoint.json"
-    path.write_text(path.read_text().replace("Pendulum-v1", "MountainCarContinuous-v0"))
-    with pytest.raises(RunError, match="cannot be loaded .*expected a model that TD3 saved for"):
+    files = [folder.checkpoint_dir / "checkpoint.json", folder.config_file]
+    for path in files[:1] if file == "checkpoint" else files:
+        path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(RunError, match=message):
         resume(folder.path, 40)

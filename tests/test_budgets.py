@@ -38,7 +38,7 @@ LINES = {
     "policies": 1_580,
     "reading": 995,
     "simulation": 1_170,
-    "training": 6_110,
+    "training": 6_111,
     "tuning": 2_330,
     "vec_env": 490,
     "viewing": 2_260,
@@ -49,13 +49,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`, `parameters`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 4_710
+LONG_WORK_LINES = 4_709
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_160, "modules": 326, "names": 236},
+    "core": {"lines": 49_157, "modules": 326, "names": 234},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_616},
+    "tests": {"lines": 42_511},
 }
 
 

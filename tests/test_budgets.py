@@ -38,7 +38,7 @@ LINES = {
     "policies": 1_580,
     "reading": 995,
     "simulation": 1_170,
-    "training": 6_111,
+    "training": 6_097,
     "tuning": 2_330,
     "vec_env": 490,
     "viewing": 2_260,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 4_709
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_157, "modules": 326, "names": 234},
+    "core": {"lines": 49_143, "modules": 327, "names": 234},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_511},
+    "tests": {"lines": 42_505},
 }
 
 

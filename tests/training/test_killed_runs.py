@@ -9,7 +9,7 @@ import time
 import pytest
 import yaml
 from fresh_python import run_python, running_python
-from stable_baselines3 import TD3
+from stable_baselines3 import SAC
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
@@ -73,13 +73,13 @@ def test_a_run_has_one_training_and_killed_at_any_time_goes_on_from_its_last_che
     assert saved.num_timesteps >= 100
     assert saved.num_timesteps % 100 == 0
     rows = []
-    learn = TD3.learn
+    learn = SAC.learn
 
     def spy(model, *arguments, **options):
         rows.append(model.replay_buffer.size())
         return learn(model, *arguments, **options)
 
-    monkeypatch.setattr(TD3, "learn", spy)
+    monkeypatch.setattr(SAC, "learn", spy)
     target = saved.num_timesteps + 150
     result = resume(folder.path, target, progress_bar=False)
     assert rows == [min(saved.num_timesteps, 2000)]

@@ -7,7 +7,6 @@ import collections.abc
 import functools
 import inspect
 import os
-import sys
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -102,20 +101,7 @@ def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Paramete
     try:
         return inspect.signature(function, eval_str=True).parameters
     except (NameError, TypeError):  # types that its module only imports for type checkers
-        known = inspect.signature(function).parameters
-    owner: Any = vars(function).get("__init__", function) if inspect.isclass(function) else function
-    scope = getattr(owner, "__globals__", vars(sys.modules[function.__module__]))
-    return {name: _with_type(parameter, scope) for name, parameter in known.items()}
-
-
-def _with_type(parameter: inspect.Parameter, scope: dict[str, Any]) -> inspect.Parameter:
-    """Return a parameter with its annotation as a type, unless the names in it are not known."""
-    text = types.SimpleNamespace(__annotations__={"it": parameter.annotation})
-    try:
-        annotation = typing.get_type_hints(text, scope, include_extras=True)["it"]
-    except (NameError, TypeError):
-        return parameter
-    return parameter.replace(annotation=annotation)
+        return inspect.signature(function).parameters
 
 
 def check_arguments(

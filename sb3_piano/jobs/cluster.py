@@ -53,15 +53,23 @@ class Resources:
 
 
 @contextlib.contextmanager
-def connected_to_ray(address: str) -> Iterator[ModuleType]:
-    """Give the package ``ray``, connected to a cluster as long as the block lasts.
+def ray_executor(
+    address: str,
+    resources: Resources = Resources(),  # noqa: B008 - frozen
+) -> Iterator[Executor]:
+    """Give an executor whose jobs are tasks on a cluster of Ray.
 
+    A task whose process, or whose node, died or was taken away is begun again on any node: a job
+    must be fit for that. Tasks work in the present folder, where a node has one of its path. Those
+    that have not ended with the block are cancelled; those that run get Ctrl-C, and are ended if
+    that has not ended them within a minute. Every node needs this package, of the same version.
     A connection that this process has already is used, and kept.
 
     Args:
         address: ``HOST:PORT`` as ``ray start --head`` prints it, ``auto`` for the cluster that
             this machine belongs to, ``ray://HOST:PORT`` through Ray's client, or ``local`` for a
             new one on this machine, which ends with the block.
+        resources: What a job needs.
 
     Raises:
         ConfigError: If no cluster answers there.
@@ -74,48 +82,22 @@ def connected_to_ray(address: str) -> Iterator[ModuleType]:
         raise MissingPackageError(
             f"Ray is not installed, which a cluster needs: {install_command('ray')}"
         ) from error
-    if ray.is_initialized():
-        yield ray
-        return
+    is_ours = not ray.is_initialized()
     try:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
+        if is_ours:
+            ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise ConfigError(
             f"No cluster of Ray can be reached at {address!r} ({one_line(error)}). Expected the "
             "address that 'ray start --head' prints, 'auto' on one of its machines, or 'local'."
         ) from error
+    executor = _RayExecutor(ray, resources)
     try:
-        yield ray
+        yield executor
     finally:
-        ray.shutdown()
-
-
-@contextlib.contextmanager
-def ray_executor(
-    address: str,
-    resources: Resources = Resources(),  # noqa: B008 - frozen
-) -> Iterator[Executor]:
-    """Give an executor whose jobs are tasks on a cluster of Ray.
-
-    A task whose process, or whose node, died or was taken away is begun again on any node: a job
-    must be fit for that. Tasks work in the present folder, where a node has one of its path. Those
-    that have not ended with the block are cancelled; those that run get Ctrl-C, and are ended if
-    that has not ended them within a minute. Every node needs this package, of the same version.
-
-    Args:
-        address: See :func:`connected_to_ray`.
-        resources: What a job needs.
-
-    Raises:
-        ConfigError: If no cluster answers there.
-        MissingPackageError: If Ray is not installed.
-    """
-    with connected_to_ray(address) as ray:
-        executor = _RayExecutor(ray, resources)
-        try:
-            yield executor
-        finally:
-            executor.shutdown(cancel_futures=True)
+        executor.shutdown(cancel_futures=True)
+        if is_ours:
+            ray.shutdown()
 
 
 class _RayExecutor(Executor):
@@ -157,9 +139,8 @@ class _RayExecutor(Executor):
         """Wait for tasks; return those that have not ended by then."""
         if not references:
             return []
-        left: list[Any] = self._ray.wait(
-            references, num_returns=len(references), timeout=seconds, fetch_local=False
-        )[1]
+        options = {"num_returns": len(references), "timeout": seconds, "fetch_local": False}
+        left: list[Any] = self._ray.wait(references, **options)[1]
         return left
 
     def _pass_on(self, ended: Future[Any], future: Future[Any]) -> None:
@@ -177,17 +158,10 @@ class _RayExecutor(Executor):
             future.set_exception(BrokenProcessPool(text))
 
 
-def work_in(folder: str) -> None:
-    """Let relative paths mean what they do in a folder of the process that asks for work.
-
-    A node that has no such folder stays where it is: there only absolute paths can be meant.
-    """
+def _call(folder: str, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
+    """Call a function where relative paths mean what they do in a folder, if it is there."""
     if os.path.isdir(folder):
         os.chdir(folder)
-
-
-def _call(folder: str, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
-    work_in(folder)
     # Nodes that were started in the background of a shell, or by nohup, have it ignored.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

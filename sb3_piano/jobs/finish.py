@@ -1,18 +1,23 @@
-"""Bringing jobs to their end: each after those it needs, wherever they are done."""
+"""Bringing work to its end by an executor: jobs, each after those it needs, or many items."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import nullcontext
-from typing import Any
+from typing import Any, TypeVar
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.job import Job, Outcome, status
-from sb3_piano.jobs.mapping import LOOK_EVERY
 from sb3_piano.jobs.pool import explain_worker_death, open_executor
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_AGAIN = "give the same command again."
+_LOOK_EVERY = 0.2  # s, between two looks at whether the work was interrupted
 
 
 def finish(
@@ -25,7 +30,7 @@ def finish(
     known: Sequence[Outcome] | None = None,
     on_begin: Callable[[Job], object] = lambda job: None,
     on_outcome: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
-    go_on: str = "give the same command again.",
+    go_on: str = _AGAIN,
 ) -> list[Outcome]:
     """Do all jobs that are not done; return what came of each, in their order.
 
@@ -75,8 +80,7 @@ def finish(
                     if request.made:
                         raise KeyboardInterrupt
                     running[opened.submit(Job.do, job)] = left.pop(job.name)
-                done = wait(running, LOOK_EVERY, FIRST_COMPLETED).done
-                for future in [one for one in running if one in done]:
+                for future in _ended(running):
                     note(_outcome(running.pop(future), future, go_on))
                 if request.made and (left or running):
                     raise KeyboardInterrupt
@@ -122,3 +126,47 @@ def _outcome(job: Job, future: Future[Any], go_on: str) -> Outcome:
     if not isinstance(error, Exception):
         raise error
     return Outcome(job=job, error=error)
+
+
+def map_jobs(
+    executor: Executor,
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    request: StopRequest | None = None,
+    go_on: str = _AGAIN,
+) -> Generator[Result, None, None]:
+    """Yield the results of a function of each item as they come, in any order.
+
+    Calls that have not begun are cancelled when one fails, or when the generator is closed.
+
+    Args:
+        executor: Calls the function; it, items and results must be fit to be pickled.
+        function: What is called with each item.
+        items: Its arguments.
+        request: Ends it when it is made.
+        go_on: How to go on when a worker died.
+
+    Raises:
+        KeyboardInterrupt: If the request is made.
+        RunError: If a worker died.
+    """
+    running = dict.fromkeys(executor.submit(function, item) for item in items)
+    try:
+        while running:
+            ended = _ended(running)
+            if request is not None and request.made:
+                raise KeyboardInterrupt
+            for future in ended:
+                del running[future]
+                yield future.result()
+    except BrokenExecutor as error:
+        raise explain_worker_death(error, go_on) from error
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _ended(running: dict[Future[Result], Any]) -> list[Future[Result]]:
+    """Wait for a moment, or until one ends; return those that have, in their order."""
+    done = wait(running, _LOOK_EVERY, FIRST_COMPLETED).done
+    return [future for future in running if future in done]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import traceback
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.exceptions import SB3PianoError, one_line
 from sb3_piano.files import read_json, write_json
 from sb3_piano.jobs.folders import SETTINGS, begin_or_go_on, is_empty
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -111,20 +110,11 @@ class Outcome:
     """Why it failed, if it did."""
 
     @property
-    def text(self) -> str:
-        """Why it failed, in full; empty if it did not."""
-        if self.error is None or isinstance(self.error, SB3PianoError):
-            return str(self.error or "")
-        return "".join(traceback.format_exception(self.error))
-
-    @property
     def reason(self) -> str:
         """Why it failed, in a line; empty if it did not."""
         if self.error is None or isinstance(self.error, SB3PianoError):
             return str(self.error or "")
-        return "".join(traceback.format_exception_only(type(self.error), self.error)).splitlines()[
-            0
-        ]
+        return f"{type(self.error).__name__}: {one_line(self.error)}"
 
     @property
     def state(self) -> str:

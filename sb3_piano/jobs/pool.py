@@ -13,7 +13,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager
 from multiprocessing import spawn
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
@@ -34,58 +33,45 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Libraries of a worker compute with one thread, unless the environment says otherwise."""
 
 
-class WorkerDied(BrokenExecutor):
-    """The process that did a job ended before the job: that job is lost, and no other."""
-
-
 @contextlib.contextmanager
-def process_pool(workers: int | None = None) -> Iterator[Executor]:
-    """Give an executor of processes that end with the block, or with this process.
-
-    A job that its process does not survive raises :class:`WorkerDied`, and the next one gets a new
-    process. At the end of the block, jobs that have not begun are cancelled, and those that run get
-    SIGTERM and a minute to save what they have.
-
-    Args:
-        workers: Processes; by default one for each usable core.
-
-    Raises:
-        ConfigError: If ``workers`` is not a whole number from 1 on.
-    """
-    share_temporary_folder()
-    pool = _Pool(checked("workers", workers, Count | None) or usable_cores())
-    try:
-        yield pool
-    finally:
-        pool.end()
-
-
 def open_executor(
     workers: int | None = None,
     ray: str | None = None,
     resources: Resources = Resources(),  # noqa: B008 - frozen
-) -> AbstractContextManager[Executor]:
-    """Return the executor that a command line asks for, as a context.
+) -> Iterator[Executor]:
+    """Give an executor of processes that end with the block, or with this process; or of Ray.
+
+    A job that its process does not survive raises a ``BrokenExecutor``, and the next one gets a new
+    process. At the end of the block, jobs that have not begun are cancelled, and those that run get
+    SIGTERM and a minute to save what they have.
 
     Args:
         workers: Processes on this machine; by default one for each usable core.
-        ray: Address of a cluster of Ray, which then does the jobs; see
-            :func:`~sb3_piano.jobs.connected_to_ray`.
+        ray: Address of a cluster of Ray, which then does the jobs: ``HOST:PORT`` as
+            ``ray start --head`` prints it, ``auto`` or ``local``.
         resources: What a job needs, on a cluster.
 
     Raises:
-        ConfigError: If ``workers`` is out of range or given with a cluster, or that cannot be
-            reached.
+        ConfigError: If ``workers`` is no whole number from 1 on or given with a cluster, or that
+            cannot be reached.
         MissingPackageError: If Ray is not installed.
     """
-    if ray is None:
-        return process_pool(workers)
-    if workers is not None:
-        raise ConfigError(
-            f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run at "
-            "once on a cluster follows from what each of them needs."
-        )
-    return ray_executor(ray, resources)
+    checked("workers", workers, Count | None)
+    if ray is not None:
+        if workers is not None:
+            raise ConfigError(
+                f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run "
+                "at once on a cluster follows from what each of them needs."
+            )
+        with ray_executor(ray, resources) as executor:
+            yield executor
+        return
+    share_temporary_folder()
+    pool = _Pool(workers or usable_cores())
+    try:
+        yield pool
+    finally:
+        pool.end()
 
 
 def explain_worker_death(error: BrokenExecutor, how_to_go_on: str) -> RunError:
@@ -135,7 +121,7 @@ class _Pool(ThreadPoolExecutor):
             self._own.worker = worker
         try:
             failed, found = worker.call(request)
-        except WorkerDied:
+        except BrokenExecutor:
             self._own.worker = None
             self._workers.discard(worker)
             raise
@@ -182,13 +168,13 @@ class _Worker:
         """Return whether a job raised, and what it returned or raised.
 
         Raises:
-            WorkerDied: If the process ended before.
+            BrokenExecutor: If the process ended before.
         """
         try:
             self._requests.send_bytes(request)
             answer = self._answers.recv_bytes()
         except (EOFError, OSError) as error:
-            raise WorkerDied(_death(self.process)) from error
+            raise BrokenExecutor(_death(self.process)) from error
         return pickle.loads(answer)
 
     def end(self) -> None:

@@ -39,8 +39,8 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import Outcome, begin_or_go_on, process_pool, status
-from sb3_piano.jobs.folders import shared_folder
+from sb3_piano.jobs import Outcome, open_executor, status
+from sb3_piano.jobs.folders import begin_or_go_on, shared_folder
 from sb3_piano.links import make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import Score, load_score, select_pieces
@@ -219,7 +219,7 @@ def record_corpus(
     place = shared_folder(folder)
     _check_players(config)
     owned = hold(place / LOCK_SUFFIX, f"'{place}' is being worked in", "one recording in a folder.")
-    pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
+    pool = open_executor(workers) if executor is None else contextlib.nullcontext(executor)
     with owned, stop_on_signal():
         inputs = _inputs(config)
         settings = {**config.to_mapping(), "files": inputs}

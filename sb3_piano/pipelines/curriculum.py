@@ -15,8 +15,8 @@ import numpy as np
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
 from sb3_piano.files import write_yaml
-from sb3_piano.jobs import Here, Job, Outcome, is_empty, status
-from sb3_piano.jobs.folders import shared_folder, unwritable
+from sb3_piano.jobs import Here, Job, Outcome, status
+from sb3_piano.jobs.folders import is_empty, shared_folder, unwritable
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.pipelines.stages import CURRICULUM_FILE, Curriculum, load_curriculum
 from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, training

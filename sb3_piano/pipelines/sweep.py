@@ -16,8 +16,8 @@ from annotated_types import MinLen
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import load_yaml, write_csv, write_yaml
 from sb3_piano.hyperparams import DEFAULT_ALGORITHM
-from sb3_piano.jobs import Outcome, Resources, is_empty, status
-from sb3_piano.jobs.folders import shared_folder
+from sb3_piano.jobs import Outcome, Resources, status
+from sb3_piano.jobs.folders import is_empty, shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import select_pieces
 from sb3_piano.music.catalogue import is_path

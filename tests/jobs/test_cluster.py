@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.jobs import Resources, cluster, map_jobs, open_executor, ray_executor
+from sb3_piano.jobs import Resources, cluster, map_jobs, open_executor
 
 ray = pytest.importorskip("ray")
 
@@ -58,25 +58,25 @@ def test_results_are_those_of_the_function(address):
 
 def test_jobs_work_in_the_present_folder(address, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where the nodes were not started
-    with ray_executor(address) as executor:
+    with open_executor(ray=address) as executor:
         assert executor.submit(os.getcwd).result() == str(tmp_path)
 
 
 def test_an_error_is_what_the_job_raised(address):
-    with ray_executor(address) as executor:
+    with open_executor(ray=address) as executor:
         error = executor.submit(_refuse, 3).exception()
     assert type(error) is ConfigError
     assert str(error) == "number is 3: expected another one."
 
 
 def test_a_job_whose_process_was_killed_is_begun_again(address, tmp_path):
-    with ray_executor(address) as executor:
+    with open_executor(ray=address) as executor:
         assert executor.submit(_die_once, tmp_path / "begun").result() == "ended"
 
 
 def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
     file = tmp_path / "begun"
-    with ray_executor(address) as executor:
+    with open_executor(ray=address) as executor:
         executor.submit(_sleep, file)
         deadline = time.monotonic() + 200
         while not file.exists():
@@ -86,8 +86,11 @@ def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
 
 
 def test_processes_and_a_cluster_at_once_are_refused():
-    with pytest.raises(ConfigError, match="workers is 2 with ray 'auto': expected one"):
-        open_executor(workers=2, ray="auto")
+    with (
+        pytest.raises(ConfigError, match="workers is 2 with ray 'auto': expected one"),
+        open_executor(workers=2, ray="auto"),
+    ):
+        pass
 
 
 def test_resources_are_checked():

@@ -14,7 +14,7 @@ import pytest
 from counting import STEPS, die, jobs_in, log, refuse
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.jobs import Here, Job, finish, process_pool, ray_executor, status
+from sb3_piano.jobs import Here, Job, finish, open_executor, status
 
 DEADLINE = 120  # s; starting a process takes long where others are at work
 
@@ -110,7 +110,7 @@ def test_whatever_ends_a_program_the_same_one_does_the_rest(
 
 SLOW = """
 import os, sys, time
-from sb3_piano.jobs import process_pool
+from sb3_piano.jobs import open_executor
 from sb3_piano.jobs.starting import process_context
 
 class Slow:
@@ -126,7 +126,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize(
     "work",
     [
-        "with process_pool(1) as pool: pool.submit(print, Slow()).result()",
+        "with open_executor(1) as pool: pool.submit(print, Slow()).result()",
         "process_context().Process(target=print, args=(Slow(),)).start()",
     ],
     ids=["pool", "environments"],
@@ -164,7 +164,7 @@ def test_a_job_that_fails_stops_only_those_that_need_it(tmp_path):
 
 
 def test_a_process_that_dies_takes_only_its_own_job_with_it(tmp_path):
-    with process_pool(1) as pool:
+    with open_executor(1) as pool:
         found = finish(jobs_in(tmp_path, die), pool, go_on="once more.")
         assert [one.state for one in found] == ["failed", "finished", "failed", "failed"]
         assert isinstance(found[0].error, RunError)
@@ -243,7 +243,7 @@ def test_a_damaged_result_is_named(tmp_path):
 
 def test_a_second_process_waits_for_the_first_and_does_not_do_it_again(tmp_path):
     (job, *_) = jobs_in(tmp_path, pause=0.02)
-    with process_pool(2) as pool:
+    with open_executor(2) as pool:
         both = [pool.submit(Job.do, job) for _ in range(2)]
         assert [one.result() for one in both] == [{"steps": STEPS}] * 2
     assert len(log(tmp_path)) == 1
@@ -275,7 +275,7 @@ def test_on_a_cluster_jobs_of_a_node_that_dies_go_on_elsewhere(ray_cluster, tmp_
 
     killer = threading.Thread(target=kill)
     killer.start()
-    with ray_executor(ray_cluster.address) as executor:
+    with open_executor(ray=ray_cluster.address) as executor:
         found = finish(jobs, executor)
     killer.join()
     ray_cluster.add_node(num_cpus=1, node_ip_address="127.0.0.1", object_store_memory=2**27)

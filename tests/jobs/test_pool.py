@@ -9,12 +9,12 @@ import pytest
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.interrupts import StopRequest, stop_on_signal
-from sb3_piano.jobs import map_jobs, process_pool
+from sb3_piano.jobs import map_jobs, open_executor
 
 
 @pytest.mark.slow
 def test_processes_end_with_their_pool_whatever_they_are_at():
-    with process_pool(1) as pool:
+    with open_executor(1) as pool:
         process = pool.submit(os.getpid).result()
         pool.submit(time.sleep, 600)
     with pytest.raises(ProcessLookupError):
@@ -34,7 +34,7 @@ def test_a_killed_worker_is_told_in_a_line_and_leaves_no_folder():
     folders = []
 
     def be_killed():
-        with process_pool(1) as pool:
+        with open_executor(1) as pool:
             folders.append(pool.submit(multiprocessing.util.get_temp_dir).result())
             list(map_jobs(pool, os._exit, [9], go_on="again"))
 
@@ -55,7 +55,7 @@ def test_a_pool_that_ends_begins_none_of_the_jobs_that_it_was_given(tmp_path):
 
     thread = threading.Thread(target=stop)
     thread.start()
-    with pytest.raises(KeyboardInterrupt), process_pool(1) as pool:
+    with pytest.raises(KeyboardInterrupt), open_executor(1) as pool:
         next(map_jobs(pool, begin_and_wait, files, request))
     thread.join()
     assert [file.exists() for file in files] == [True, False, False]

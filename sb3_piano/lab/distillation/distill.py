@@ -16,15 +16,8 @@ from sb3_piano.demonstrations.shards import file_digest
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_bytes, write_csv, write_yaml
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import (
-    Here,
-    Outcome,
-    begin_or_go_on,
-    check_same,
-    finish,
-    process_pool,
-    status,
-)
+from sb3_piano.jobs import Here, Outcome, finish, open_executor, status
+from sb3_piano.jobs.folders import begin_or_go_on, check_same
 from sb3_piano.lab.distillation.config import PLANNED, DistillConfig
 from sb3_piano.lab.distillation.improvement import improve, improvement_run
 from sb3_piano.lab.distillation.rollout import hands_env
@@ -149,7 +142,7 @@ def distill(
         _check_files(place, config)
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
-        pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
+        pool = open_executor(workers) if executor is None else contextlib.nullcontext(executor)
         with pool as chosen:
             work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
             jobs = [work.job(n, name, improvements.get(name)) for n, name in enumerate(names)]

@@ -24,7 +24,7 @@ from sb3_piano.demonstrations.shards import Shard, make_missing
 from sb3_piano.demonstrations.streaming import Rows, ShuffledRows
 from sb3_piano.exceptions import RunError
 from sb3_piano.interrupts import StopRequest
-from sb3_piano.jobs import Item, Job, Result, map_jobs
+from sb3_piano.jobs import Job, map_jobs
 from sb3_piano.lab.distillation.config import DistillConfig
 from sb3_piano.lab.distillation.network import new_policy, regress, standardize
 from sb3_piano.lab.distillation.rollout import hands_env
@@ -237,8 +237,8 @@ class Rounds:
         return {score.title: found[score.title] for score in self._held_out}
 
     def _mapped(
-        self, function: Callable[[Item], Result], jobs: Sequence[Item]
-    ) -> contextlib.closing[Generator[Result, None, None]]:
+        self, function: Callable[[Any], Any], jobs: Sequence[Any]
+    ) -> contextlib.closing[Generator[Any, None, None]]:
         """Give the results of jobs; those that have not begun are cancelled with the block."""
         return contextlib.closing(map_jobs(self._executor, function, jobs, self._request))
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.interrupts import StopRequest, ctrl_c_ignored, stop_on_signal
-from sb3_piano.jobs import process_pool
+from sb3_piano.jobs import open_executor
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
@@ -118,7 +118,7 @@ def _run_pool(
         The tasks that were begun when a process was killed.
     """
     begun: dict[Future[Outcome], ImportTask] = {}
-    with process_pool(workers) as pool:
+    with open_executor(workers) as pool:
         try:
             while begun or (waiting and not stop.made):
                 while waiting and len(begun) < workers and not stop.made:

@@ -129,26 +129,27 @@ def _default_name(arguments: argparse.Namespace, config: StudyConfig) -> str:
 
 
 def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace) -> None:
-    from sb3_piano.tuning.best import best_entry, train_commands
+    from sb3_piano.tuning.report import train_command
     from sb3_piano.tuning.storage import shown_url
-    from sb3_piano.tuning.trials import summary
+    from sb3_piano.tuning.trials import failure_of, preset_trial, summary
 
-    label = f"{config.objective} {config.metric}"
-    print(f"Study:      {result.folder.path}, {summary(result.trials, label)}")
+    folder, label = result.folder, config.value_name
+    print(f"Study:      {folder.path}, {summary(result.trials, label)}")
     if result.best is None:
         print("No trial is complete.")
     else:
-        beside = "" if result.preset is None else f" (of the preset: {result.preset.value:.3f})"
+        preset = preset_trial(result.trials)
+        beside = "" if preset is None else f" (of the preset: {preset.value:.3f})"
         print(f"Best:       {label} {result.best.value:.3f}{beside}")
-        print(f"Settings:   {result.folder.best_file}")
-    print(f"Report:     {result.folder.report_file}")
-    print(f"All trials: {result.folder.table_file}")
+        print(f"Settings:   {folder.best_file}")
+    print(f"Report:     {folder.report_file}")
+    print(f"All trials: {folder.table_file}")
     url = arguments.storage
-    store = result.folder.journal_file if url is None else shown_url(url)
+    store = folder.journal_file if url is None else shown_url(url)
     print(f"Dashboard:  optuna-dashboard {shlex.quote(str(store))}")
-    for reason in sorted(result.failures):
+    for reason in sorted({*map(failure_of, result.trials)} - {""}):
         print(f"Failed:     {reason}")
     if result.interrupted:
         print("Interrupted: the same command goes on.")
-    elif (entry := best_entry(result.study, config)) is not None:
-        print(f"Train:      {train_commands(config, result.folder.best_file, entry)['Train']}")
+    elif result.best is not None:
+        print(f"Train:      {train_command(config, folder)}")

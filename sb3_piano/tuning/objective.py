@@ -7,8 +7,8 @@ import math
 import platform
 import shutil
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +18,15 @@ from stable_baselines3.common.callbacks import BaseCallback, ConvertCallback
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.callbacks.metric_eval import MOST_PIECES
-from sb3_piano.exceptions import RunError, no_memory
-from sb3_piano.interrupts import StopRequest, stop_on_signal
+from sb3_piano.exceptions import RunError, no_memory, one_line
+from sb3_piano.interrupts import stop_requested
 from sb3_piano.training import RunConfig, RunFolder, evaluate, train
+from sb3_piano.training.configuration.entries import with_settings
 from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.tuning import trials
-from sb3_piano.tuning.space import with_settings
-from sb3_piano.tuning.study import METRICS, OBJECTIVES, StudyConfig, StudyFolder
+from sb3_piano.tuning.study import METRICS, StudyConfig, StudyFolder
 
-RESULTS = tuple(f"{objective}_{metric}" for objective in OBJECTIVES for metric in METRICS)
+RESULTS = tuple(f"{model}_{metric}" for model in ("final", "best") for metric in METRICS)
 """Names of all results of a trial, such as ``best_onset_f1``: means over the seeds."""
 
 
@@ -56,8 +56,7 @@ class Objective:
             KeyboardInterrupt: If Ctrl-C or SIGTERM ended a training, or Ctrl-C an evaluation.
             Exception: Whatever a training or an evaluation raises, with the reason noted.
         """
-        started, progress = time.monotonic(), _Progress(self.config, trial)
-        path = self.folder.trial_dir(trial.number)
+        path, results = self.folder.trial_dir(trial.number), list[Mapping[str, float]]()
         trial.set_user_attr(trials.HOST, platform.node())
         trial.set_user_attr(trials.FOLDER, str(path))
         try:
@@ -66,127 +65,91 @@ class Objective:
             others = tuple(each for each in config.callback if not each.is_a(MetricEvalCallback))
             for seed in self.config.seeds:
                 run = dataclasses.replace(config, seed=seed, callback=others)
-                self._train(run, path / f"seed_{seed}", progress)
+                results.append(self._train(run, path / f"seed_{seed}", trial, results))
+                going_on = self._report(trial, results, 0)
+                if not going_on and len(results) < len(self.config.seeds):
+                    raise optuna.TrialPruned
         except optuna.TrialPruned:
-            raise
-        except KeyboardInterrupt:
-            trial.set_user_attr(trials.INTERRUPTED, True)
             raise
         except Exception as error:
             trial.set_user_attr(trials.FAILURE, reason_of(error))
             raise
         finally:
-            trial.set_user_attr(trials.SECONDS, round(time.monotonic() - started, 1))
-            progress.note()
-        return float(np.mean(progress.values))
+            trial.set_user_attr(trials.VALUES, self._values(results))
+            for name in RESULTS if results else ():
+                trial.set_user_attr(name, float(np.mean([found[name] for found in results])))
+        return float(np.mean(self._values(results)))
 
-    def _train(self, config: RunConfig, path: Path, progress: _Progress) -> None:
-        """Train and judge one model."""
-        episodes, n_pieces = self.config.eval_episodes, max(len(config.pieces), 1)
-        judge = METRICS[self.config.metric](
-            callback_after_eval=ConvertCallback(lambda *_: progress.evaluated(judge)),
-            eval_freq=max(1, config.n_timesteps // self.config.n_evaluations // config.n_agents),
+    def _values(self, results: Sequence[Mapping[str, float]]) -> list[float]:
+        return [found[f"{self.config.objective}_{self.config.metric}"] for found in results]
+
+    def _report(self, trial: BaseTrial, results: Sequence[Mapping[str, float]], steps: int) -> bool:
+        """Report a mean after steps of a training that is not whole; return whether to go on."""
+        n_whole = len(results) - bool(steps)
+        steps += n_whole * self.config.config.n_timesteps
+        trial.report(float(np.mean(self._values(results))), steps)
+        return not trial.should_prune()
+
+    def _train(
+        self,
+        config: RunConfig,
+        path: Path,
+        trial: BaseTrial,
+        before: Sequence[Mapping[str, float]],
+    ) -> Mapping[str, float]:
+        """Train and judge one model; return its results."""
+        study, going_on = self.config, True
+
+        def evaluated(*_: object) -> bool:
+            nonlocal going_on
+            number = len(judge.evaluations_metrics)
+            if number < study.n_evaluations:  # in place of the last one the finished model counts
+                results = [*before, _results_of({}, judge)]
+                going_on = self._report(trial, results, number * study.interval)
+            return going_on
+
+        episodes, n_pieces = study.eval_episodes, max(len(config.pieces), 1)
+        judge = METRICS[study.metric](
+            callback_after_eval=ConvertCallback(evaluated),
+            eval_freq=max(1, config.n_timesteps // study.n_evaluations // config.n_agents),
             n_eval_episodes=None if episodes == 1 else episodes * min(n_pieces, MOST_PIECES),
-            seed=self.config.eval_seed,
+            seed=study.eval_seed,
         )
-        minutes = math.inf if self.config.minutes is None else self.config.minutes
+        minutes = math.inf if study.minutes is None else study.minutes
+        end = time.monotonic() + 60 * minutes / len(study.seeds)
         try:
-            with stop_on_signal() as request:
-                limit = _Limit(60 * minutes / len(self.config.seeds), request)
-                result = train(config, path, callbacks=[limit, judge], progress_bar=False)
+            result = train(config, path, callbacks=[_Limit(end), judge], progress_bar=False)
         except _StoppedError:
             raise KeyboardInterrupt from None
         finally:
             # The replay buffer would fill the disk; a trial is not resumed but run again.
             shutil.rmtree(RunFolder(path).checkpoint_dir, ignore_errors=True)
-        if result.interrupted:
-            raise KeyboardInterrupt
-        progress.steps += result.num_timesteps
-        if progress.pruned:
+        done = trial.user_attrs.get(trials.STEPS, 0) + result.num_timesteps
+        trial.set_user_attr(trials.STEPS, done)
+        if not going_on:
             raise optuna.TrialPruned
-        last = evaluate(path, self.config.eval_episodes, self.config.eval_seed)
-        if last.interrupted:
+        last = None if result.interrupted else evaluate(path, episodes, study.eval_seed)
+        if last is None or last.interrupted:
             raise KeyboardInterrupt
-        progress.trained(last.mean, judge)
-
-
-@dataclass
-class _Progress:
-    """Progress of a trial."""
-
-    config: StudyConfig
-    trial: BaseTrial
-    steps: int = 0
-    pruned: bool = False
-    results: list[Mapping[str, float]] = field(default_factory=list)
-    """Of each training that has ended."""
-
-    @property
-    def _name(self) -> str:
-        return f"{self.config.objective}_{self.config.metric}"
-
-    @property
-    def values(self) -> list[float]:
-        """The value of each training that has ended."""
-        return [found[self._name] for found in self.results]
-
-    def evaluated(self, judge: MetricEvalCallback) -> bool:
-        """Report an evaluation during training; return whether the training goes on."""
-        number = len(judge.evaluations_metrics)
-        if number >= self.config.n_evaluations:
-            return True  # the finished model is judged in its place
-        found = _results_of({}, judge)[self._name]
-        self._report([*self.values, found], number * self.config.interval)
-        return not self.pruned
-
-    def trained(self, last: Mapping[str, float], judge: MetricEvalCallback) -> None:
-        """Report what the model at the end of a training scored.
-
-        Raises:
-            RunError: If that is no number.
-            optuna.TrialPruned: If there are seeds left, but the trial is not to go on.
-        """
-        found = _results_of(last, judge)
-        if not math.isfinite(found[self._name]):
-            raise RunError(f"{self._name} is {found[self._name]}: expected a number.")
-        self.results.append(found)
-        self._report(self.values, 0)
-        if self.pruned and len(self.results) < len(self.config.seeds):
-            raise optuna.TrialPruned
-
-    def _report(self, values: list[float], steps: int) -> None:
-        """Report a mean after some steps of the present training; see if that is the end."""
-        before = len(self.results) * self.config.config.n_timesteps
-        self.trial.report(float(np.mean(values)), before + steps)
-        self.pruned = self.trial.should_prune()
-
-    def note(self) -> None:
-        """Note with the trial what it has reached."""
-        self.trial.set_user_attr(trials.STEPS, self.steps)
-        self.trial.set_user_attr(trials.VALUES, self.values)
-        for name in RESULTS if self.results else ():
-            mean = float(np.mean([found[name] for found in self.results]))
-            self.trial.set_user_attr(name, mean)
+        found = _results_of(last.mean, judge)
+        if not math.isfinite(*self._values([found])):
+            raise RunError(f"{study.value_name} is {self._values([found])[0]}: expected a number.")
+        return found
 
 
 class _StoppedError(Exception):
-    """Ctrl-C or SIGTERM came: a training that is not resumed need not save anything."""
+    """A signal came: a training that is not resumed need not save anything, which takes long."""
 
 
 class _Limit(BaseCallback):
-    """Ends the training after some seconds, and at once if that is requested."""
+    """Ends a training at some time, and at once if a signal asks for it."""
 
-    def __init__(self, seconds: float, request: StopRequest) -> None:
+    def __init__(self, end: float) -> None:
         super().__init__()
-        self._seconds = seconds
-        self._request = request
-        self._end = math.inf
-
-    def _on_training_start(self) -> None:
-        self._end = time.monotonic() + self._seconds
+        self._end = end
 
     def _on_rollout_start(self) -> None:
-        if self._request.made:
+        if stop_requested():
             raise _StoppedError
 
     def _on_step(self) -> bool:
@@ -213,6 +176,5 @@ def _results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[st
 
 def reason_of(error: BaseException) -> str:
     """Return in one line why a trial failed."""
-    text = " ".join(str(error).split())
-    reason = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    reason = f"{type(error).__name__}: {one_line(error)}" if str(error) else type(error).__name__
     return f"out of memory: {reason}" if no_memory(error) else reason

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
-import typing
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,24 +29,12 @@ from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.yaml_files import entry_config
-from sb3_piano.tuning.space import Space, with_defaults
-
-_Sampler = Literal["tpe", "cmaes", "gp", "random"]
-_Pruner = Literal["median", "hyperband", "halving", "none"]
+from sb3_piano.tuning.space import Space
 
 METRICS: Mapping[str, type[MetricEvalCallback]] = {
     callback.metric: callback for callback in (F1Callback, OnsetF1Callback)
 }
 """Metrics that trials may be judged by, and the callback that evaluates each during training."""
-
-OBJECTIVES = ("final", "best")
-"""The model that counts: the one at the end of a training, or the best one it had."""
-
-SAMPLERS: tuple[str, ...] = typing.get_args(_Sampler)
-"""Ways to choose settings."""
-
-PRUNERS: tuple[str, ...] = typing.get_args(_Pruner)
-"""Ways to end trials early."""
 
 
 @settings
@@ -69,9 +55,9 @@ class StudyConfig:
     space: Space
     """Space that is searched."""
     metric: Literal["f1", "onset_f1"] = "f1"
-    """One of :data:`METRICS`."""
+    """What trials are judged by."""
     objective: Literal["final", "best"] = "final"
-    """One of :data:`OBJECTIVES`."""
+    """The model that counts: the one at the end of a training, or the best one it had."""
     seeds: tuple[Index, ...] = (0,)
     """A trial trains once from each of these seeds; its value is the mean."""
     eval_seed: Index = 1000
@@ -84,14 +70,11 @@ class StudyConfig:
     """The longest that the trainings of a trial may take together; each has an equal share."""
 
     def __post_init__(self) -> None:
-        if not self.seeds or len(set(self.seeds)) < len(self.seeds):
+        seeds = {*self.seeds}
+        if not seeds or len(seeds) < len(self.seeds) or self.eval_seed in seeds:
             raise ConfigError(
-                f"seeds are {list(self.seeds)}: expected one or more, each only once."
-            )
-        if self.eval_seed in self.seeds:
-            raise ConfigError(
-                f"eval_seed is {self.eval_seed}: expected a seed that no training has "
-                f"({', '.join(map(str, self.seeds))})."
+                f"seeds are {list(self.seeds)}, eval_seed is {self.eval_seed}: expected one or "
+                "more, each only once, and another one for evaluations."
             )
         steps = self.config.n_timesteps
         if steps < self.n_evaluations:
@@ -106,37 +89,33 @@ class StudyConfig:
         return entry_config(self.algo, self.env_id, self.entry)
 
     @property
+    def value_name(self) -> str:
+        """What the value of a trial is: "final f1"."""
+        return f"{self.objective} {self.metric}"
+
+    @property
     def interval(self) -> int:
         """Environment steps between two evaluations of a training."""
         return self.config.n_timesteps // self.n_evaluations
 
     def preset_params(self) -> dict[str, Any]:
-        """Return the params of a trial with the settings of the entry, defaults included.
-
-        What the space does not hold is left out.
-        """
-        return self.space.params_of(with_defaults(self.algo, self.env_id, self.entry))
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the study as JSON gives it back."""
-        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        space, entry = self.space.to_mapping(), dict(self.entry)
-        return json.loads(json.dumps({**mapping, "space": space, "entry": entry}))
+        """Return the params of a trial with the entry's settings, as far as they are searched."""
+        return self.space.params_of(self.algo, self.env_id, self.entry)
 
     def identity(self) -> dict[str, Any]:
-        """Return what has to be equal where several machines work on one study.
+        """Return what has to be equal where several machines work on one study, in JSON's types.
 
-        It is :meth:`to_mapping`, with the content of a file (a score, finger labels) in place of
-        its path, which may be another on each machine.
+        A file (a score, finger labels) stands there by its content: its path may be another on each
+        machine.
         """
-        mapping = self.to_mapping()
-        kwargs = json.loads(json.dumps(dict(self.config.env_kwargs)))
+        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        kwargs, files = dict(self.config.env_kwargs), {}
         for option in FILE_OPTIONS:
-            file = kwargs.get(option)
-            if isinstance(file, str) and os.path.isfile(file):
-                kwargs[option] = f"sha256 {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
-                mapping["entry"]["env_kwargs"] = kwargs
-        return mapping
+            file = Path(str(kwargs.get(option)))
+            if file.is_file():
+                files[option] = f"sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}"
+        entry = {**self.entry, "env_kwargs": kwargs | files} if files else dict(self.entry)
+        return json.loads(json.dumps({**mapping, "space": self.space.to_mapping(), "entry": entry}))
 
 
 @settings
@@ -147,10 +126,10 @@ class Search:
         ConfigError: If a name is unknown or a number out of range.
     """
 
-    sampler: _Sampler = "tpe"
-    """One of :data:`SAMPLERS`."""
-    pruner: _Pruner = "median"
-    """One of :data:`PRUNERS`."""
+    sampler: Literal["tpe", "cmaes", "gp", "random"] = "tpe"
+    """Chooses the settings of trials."""
+    pruner: Literal["median", "hyperband", "halving", "none"] = "median"
+    """Ends trials early."""
     startup_trials: Count = 10
     """Trials with random settings before the sampler learns from the results; at least 1."""
     seed: Index | None = None
@@ -162,21 +141,17 @@ def make_sampler(search: Search, number: int = 0) -> BaseSampler:
     startup, seed = search.startup_trials, search.seed
     if seed is not None:
         seed = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
+    # Optuna recommends it where successive halving ends most trials.
+    pruned = search.pruner in ("hyperband", "halving")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         match search.sampler:
             case "tpe":  # trials that run count as bad ones, so that none gets their settings
-                return TPESampler(
-                    n_startup_trials=startup, seed=seed, multivariate=True, constant_liar=True
-                )
-            case "cmaes":
-                return CmaEsSampler(
-                    n_startup_trials=startup,
-                    seed=seed,
-                    warn_independent_sampling=False,  # every choice is drawn at random
-                    # Optuna recommends it where successive halving ends most trials.
-                    consider_pruned_trials=search.pruner in ("hyperband", "halving"),
-                )
+                options: Any = {"multivariate": True, "constant_liar": True}
+                return TPESampler(n_startup_trials=startup, seed=seed, **options)
+            case "cmaes":  # every choice is drawn at random
+                options = {"warn_independent_sampling": False, "consider_pruned_trials": pruned}
+                return CmaEsSampler(n_startup_trials=startup, seed=seed, **options)
             case "gp":  # a Gaussian process; it thinks longer the more trials there are
                 return GPSampler(n_startup_trials=startup, seed=seed)
     return RandomSampler(seed=seed)

@@ -7,9 +7,7 @@ import math
 import optuna
 from optuna.trial import TrialState
 
-from sb3_piano.tuning import trials
-from sb3_piano.tuning.space import Space
-from sb3_piano.tuning.study import StudyConfig
+from sb3_piano.tuning import Space, StudyConfig, trials
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 
@@ -43,16 +41,15 @@ def study_config(entry=ENTRY, space=SPACE, **changes):
     return StudyConfig(entry=entry, space=Space(space), **settings)
 
 
-def new_study(name="sac_twinkle", storage=None):
-    return optuna.create_study(
-        study_name=name,
-        storage=storage,
-        direction="maximize",
-        sampler=optuna.samplers.RandomSampler(seed=0),
-    )
+CONFIG = study_config()
 
 
-def begin(study, config, **noted):
+def new_study(name="sac_twinkle"):
+    sampler = optuna.samplers.RandomSampler(seed=0)
+    return optuna.create_study(study_name=name, direction="maximize", sampler=sampler)
+
+
+def begin(study, config=CONFIG, **noted):
     """Start a trial, as a worker does."""
     trial = study.ask()
     noted = {"host": "here", "folder": f"study/trials/{trial.number}", **noted}
@@ -62,9 +59,10 @@ def begin(study, config, **noted):
     return trial
 
 
-def complete(study, config, value, **noted):
-    """Run a trial up to a value; what else it scored follows from that."""
-    trial = begin(study, config, steps=1000, seconds=2.5, values=[value], **noted)
+def complete(study, value, config=CONFIG, **noted):
+    """Run a trial up to a value, or a function of it; what else it scored follows from that."""
+    trial = begin(study, config, steps=1000, **noted)
+    value = value(trial) if callable(value) else value
     results = {"final_f1": value, "best_f1": value + 0.01, "final_onset_f1": value / 2}
     for name, result in {**results, "best_onset_f1": value / 2 + 0.01}.items():
         trial.set_user_attr(name, result)
@@ -73,54 +71,42 @@ def complete(study, config, value, **noted):
     return study.tell(trial, value)
 
 
-def complete_by_learning_rate(study, config, center=1e-3):
-    """Run a trial that is the better, the nearer its learning rate is to ``center``."""
-    trial = begin(study, config, steps=1000, seconds=2.5)
-    value = 1 / (1 + abs(math.log(trial.params["learning_rate"] / center)))
-    for part in range(1, 6):
-        trial.report(value * part / 5, 200 * part)
-    return study.tell(trial, value)
+def by_learning_rate(trial):
+    """Return a value that is the higher, the nearer the learning rate is to 0.001."""
+    return 1 / (1 + abs(math.log(trial.params["learning_rate"] / 1e-3)))
 
 
-def complete_preset(study, config, value):
+def complete_preset(study, value, config=CONFIG):
     """Run the trial that has the settings of the study's entry."""
-    study.enqueue_trial(
-        config.space.params_of(config.entry), user_attrs={trials.ORIGIN: trials.PRESET}
-    )
-    return complete(study, config, value)
+    study.enqueue_trial(config.preset_params(), user_attrs={trials.ORIGIN: trials.PRESET})
+    return complete(study, value, config)
 
 
-def prune(study, config, value):
+def prune(study, value, config=CONFIG):
     """Run a trial that reports a value once, and is pruned."""
-    trial = begin(study, config, steps=200, seconds=0.5, values=[])
+    trial = begin(study, config, steps=200)
     trial.report(value, 200)
     return study.tell(trial, state=TrialState.PRUNED)
 
 
-def fail(study, config, reason=None, **noted):
+def fail(study, reason=None, config=CONFIG):
     """Run a trial that fails with a reason, or whose process is gone."""
-    trial = begin(study, config, **noted)
+    trial = begin(study, config)
     if reason is not None:
         trial.set_user_attr(trials.FAILURE, reason)
     return study.tell(trial, state=TrialState.FAIL)
 
 
-def interrupt(study, config):
-    """Run a trial that someone stops."""
-    return fail(study, config, **{trials.INTERRUPTED: True})
-
-
-def finished_study(config, name="sac_twinkle", storage=None, n_complete=24):
+def finished_study(config=CONFIG, n_complete=24):
     """A study with trials of all kinds, the preset's first."""
-    study = new_study(name, storage)
-    complete_preset(study, config, 0.41)
+    study = new_study()
+    complete_preset(study, 0.41, config)
     for number in range(1, n_complete):
-        complete_by_learning_rate(study, config)
+        complete(study, by_learning_rate, config)
         if number % 4 == 0:
-            prune(study, config, 0.02 * number)
-    fail(study, config, "RunError: final_f1 is nan: expected a number.")
-    fail(study, config)
-    interrupt(study, config)
+            prune(study, 0.02 * number, config)
+    fail(study, "RunError: final_f1 is nan: expected a number.", config)
+    fail(study, None, config)
     begin(study, config)
     study.enqueue_trial({})
     return study

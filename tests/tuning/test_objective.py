@@ -139,21 +139,21 @@ def test_a_pruned_trial_ends_there(tmp_path, step):
     assert (tmp_path / "trials/0/seed_1").exists() == (step > 40)
 
 
-@pytest.mark.slow
-def test_with_several_environments_evaluations_are_as_many(tmp_path):
-    config = small(entry={"n_envs": 4, "n_timesteps": 80})
-    (trial,) = run(config, tmp_path)
-    assert list(trial.intermediate_values) == [40, 80]
+HANDS = {
+    "env_kwargs": {"observation": "hands", "physics": "fast"},
+    "env_wrapper": ["sb3_piano.wrappers.HandActions", "sb3_piano.wrappers.HandReward"],
+    "vec_env_wrapper": "sb3_piano.vec_env.HandsAsAgents",
+}
 
 
 @pytest.mark.slow
-def test_where_hands_are_agents_evaluations_are_as_many(tmp_path):
-    wrappers = ["sb3_piano.wrappers.HandActions", "sb3_piano.wrappers.HandReward"]
-    hands = {"env_kwargs": {"observation": "hands", "physics": "fast"}, "env_wrapper": wrappers}
-    hands["vec_env_wrapper"] = "sb3_piano.vec_env.HandsAsAgents"
-    config = small(entry={**hands, "n_envs": 2, "n_timesteps": 80}, n_evaluations=4)
-    (trial,) = run(config, tmp_path)
-    assert list(trial.intermediate_values) == [20, 40, 60, 80]
+@pytest.mark.parametrize(("entry", "n_envs", "count"), [({}, 4, 2), (HANDS, 2, 4)])
+def test_where_there_are_several_environments_or_agents_evaluations_are_as_many(
+    tmp_path, entry, n_envs, count
+):
+    entry = {**entry, "n_envs": n_envs, "n_timesteps": 80}
+    (trial,) = run(small(entry=entry, n_evaluations=count), tmp_path)
+    assert list(trial.intermediate_values) == [80 // count * n for n in range(1, count + 1)]
 
 
 @pytest.mark.slow
@@ -200,24 +200,19 @@ def test_a_trial_that_fails_says_why_and_the_study_goes_on(name, choices, reason
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_a_study_of_ones_own(tmp_path, ctrl_c):
-    config = small(entry=small_study.wrapped(small_study.Interrupted, step=30))
-    study = optuna.create_study(direction="maximize")
-    with pytest.raises(KeyboardInterrupt):
-        study.optimize(Objective(config, StudyFolder(tmp_path)), n_trials=1, catch=(Exception,))
-    assert study.trials[0].state is TrialState.FAIL
-
-
-@pytest.mark.slow
-def test_a_last_evaluation_that_is_interrupted_is_no_value(tmp_path, monkeypatch):
+@pytest.mark.parametrize("when", ["training", "last evaluation"])
+def test_a_trial_that_is_interrupted_has_no_value(tmp_path, when, monkeypatch, ctrl_c):
     def interrupted(*arguments):
         return dataclasses.replace(evaluate(*arguments), interrupted=True)
 
-    monkeypatch.setattr("sb3_piano.tuning.objective.evaluate", interrupted)
+    entry = small_study.wrapped(small_study.Interrupted, step=30) if when == "training" else {}
+    if when != "training":
+        monkeypatch.setattr("sb3_piano.tuning.objective.evaluate", interrupted)
     study = optuna.create_study(direction="maximize")
     with pytest.raises(KeyboardInterrupt):
-        study.optimize(Objective(small(), StudyFolder(tmp_path)), n_trials=1, catch=(Exception,))
+        study.optimize(Objective(small(entry=entry), StudyFolder(tmp_path)), n_trials=1)
     assert study.trials[0].state is TrialState.FAIL
+    assert not list(tmp_path.glob("trials/0/seed_0/checkpoint"))
 
 
 def test_an_error_without_words_is_told_by_its_name():

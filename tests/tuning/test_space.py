@@ -1,33 +1,176 @@
-"""Search spaces: what they hold, what is refused, and what comes from trials and files."""
+"""Search spaces: what trials get, what the store holds, what YAML says, and what is refused."""
 
 from __future__ import annotations
 
 import copy
 import json
+import math
 import pickle
 
 import gymnasium as gym
 import optuna
 import pytest
 import yaml
+from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
 from sb3_piano.envs import DEBUG_IDS, DEFAULT_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import load_entry
+from sb3_piano.training.configuration.entries import with_settings
 from sb3_piano.training.configuration.names import ALGORITHMS
 from sb3_piano.tuning.space import (
     SPACES,
+    Parameter,
     Space,
     check_space,
     load_space,
-    with_defaults,
-    with_settings,
+    parse_parameter,
 )
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"
 ENTRY = {"n_timesteps": 100, "policy": "MlpPolicy"}
+
+# Parameters.
+
+FORMS = [
+    {"float": [-0.3, 1e6]},
+    {"float": [1e-4, 1e-2], "log": True},
+    {"float": [-0.5, 0.25], "step": 0.05},
+    {"int": [-7, 8], "step": 3},
+    {"int": [1, 512], "log": True},
+    {"discount": [0.0, 0.999]},
+    {"choice": ["a", 2, 0.5, True, None, [64], {"pi": [64], "qf": []}]},
+    {"choice": {"small": [64], "large": {"pi": [256]}, "none": None}},
+]
+
+
+def parameter(value) -> Parameter:
+    return parse_parameter("x", value)
+
+
+def suggested(of, count=5):
+    """Return values that trials got, and the trials."""
+    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
+    trials = [study.ask() for _ in range(count)]
+    return [of.suggest(trial, "x") for trial in trials], study.trials
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_yaml_and_the_store_give_parameters_and_values_back(form):
+    of, text = parameter(form), yaml.safe_dump(form, sort_keys=False)
+    assert of.form == form
+    for same in (json.loads(json.dumps(form)), yaml.safe_load(text), of):
+        assert parameter(same) == of
+    values, trials = suggested(of)
+    for value, trial in zip(values, trials, strict=True):
+        (name,) = trial.params
+        assert name == of.stored_name("x")
+        assert of.value(trial.params[name]) == value
+        assert trial.distributions[name] == of.distribution
+    for value in [] if of.choices else [*values, *of.extremes()]:
+        assert of.value(of.stored(value)) == pytest.approx(value, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "distribution",
+    [
+        FloatDistribution(1e-4, 1e-2, log=True),
+        FloatDistribution(0, 1, step=0.25),
+        IntDistribution(1, 9, step=2),
+        CategoricalDistribution(("a", "b")),
+    ],
+)
+def test_optunas_distributions_are_taken_as_they_are(distribution):
+    found = parameter(distribution)
+    assert found.distribution == distribution
+    assert parameter(found.form) == found
+
+
+def test_a_discount_is_searched_evenly_in_the_logarithm_of_its_distance_from_1():
+    values, _ = suggested(parameter({"discount": [0.0, 0.99]}), count=400)
+    assert all(0 <= value <= 0.99 for value in values)
+    below = sum(value < 0.9 for value in values)  # half of the way from 1 to 0.01
+    assert 150 < below < 250
+    gamma = parameter({"discount": [0.6, 0.97]})
+    assert gamma.stored_name("gamma") == "1 - gamma"
+    assert gamma.distribution == FloatDistribution(0.03, 0.4, log=True)
+    assert (gamma.stored(0.8), gamma.value(0.2)) == (0.2, 0.8)  # exactly: 1 - 0.8 is not 0.2
+    low, high = 0.1234567890123456, 0.6543210987654321
+    gamma = parameter({"discount": [low, high]})  # rounding leads beyond neither end
+    assert gamma.value(gamma.distribution.low) == high
+    assert gamma.value(math.nextafter(gamma.distribution.high, 1)) == low
+
+
+@pytest.mark.parametrize(
+    ("form", "value", "stored"),
+    [
+        ({"float": [0, 1]}, "5e-1", 0.5),
+        ({"float": [0, 1]}, "low", None),
+        ({"float": [0, 1]}, 1.001, None),
+        ({"float": [0, 1], "step": 0.1}, 0.30000000000000004, 0.30000000000000004),
+        ({"float": [0, 1], "step": 0.1}, 0.25, None),
+        ({"int": [1, 9], "step": 2}, "3", 3),
+        ({"int": [1, 9], "step": 2}, 4, None),
+        ({"int": [1, 9]}, 3.5, None),
+        ({"discount": [0.6, 0.97]}, "0.8", 0.2),
+        ({"discount": [0.6, 0.97]}, 1.5, None),
+    ],
+)
+def test_a_range_stores_what_it_holds_however_that_is_written(form, value, stored):
+    assert parameter(form).stored(value) == stored
+
+
+def test_numbers_that_pyyaml_reads_as_text_are_numbers():
+    read = yaml.safe_load("[{float: [1e-4, 1e-2], log: true}, {int: [1e0, 1e3]}]")
+    small, whole = (parameter(value) for value in read)
+    assert small.distribution == FloatDistribution(1e-4, 0.01, log=True)
+    assert whole.distribution == IntDistribution(1, 1000)
+
+
+def test_neither_what_a_trial_gets_nor_what_it_was_made_of_changes_a_choice():
+    layers = [64]
+    choice = parameter({"choice": [layers, [128]]})
+    layers.append(64)
+    choice.value("[64]").append(1)
+    choice.extremes()[0].append(1)
+    assert choice == parameter({"choice": [[64], [128]]})
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (0.5, r"0.5 cannot be searched: it is no float.* Expected \{float: \[1.0e-4"),
+        ({"flaot": [0, 1]}, "Did you mean 'float'"),
+        ({"float": [0, 1], "int": [0, 1]}, "it is no float, int, discount or choice"),
+        ({"int": [1, 2, 3]}, "too many values"),
+        ({"float": [0, 1], "lgo": True}, "unexpected keyword argument 'lgo'"),
+        ({"discount": [0, 0.9], "log": True}, "multiple values for keyword argument 'log'"),
+        ({"float": ["low", 1]}, "float is 'low': expected a finite number"),
+        ({"int": [0, 1.5]}, "int is 1.5: expected a whole number"),
+        ({"int": [0, 4], "step": 1.5}, "step is 1.5: expected a whole number"),
+        ({"float": [2, 1]}, "low <= high"),
+        ({"float": [0, 1], "log": True}, "low > 0"),
+        ({"float": [0, 1], "step": 0}, "step > 0"),
+        ({"float": [0, 1], "step": 0.3}, "not divisible"),
+        ({"discount": [0.9, 1]}, "it is no range of numbers from 0 on, less than 1"),
+        ({"choice": "ab"}, "it has not two values or more"),
+        ({"choice": [1]}, "it has not two values or more"),
+        ({"choice": [64, 128, 64]}, "each once"),
+        ({"choice": [1, True]}, "a mapping gives them labels"),
+        ({"choice": ["[64]", [64]]}, "a mapping gives them labels"),
+        ({"choice": {1: 2, 3: 4}}, "choice has the key 1: expected text"),
+        ({"choice": [1, {2}]}, r"choice\[1\] is a set, which a run's folder cannot hold"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused_by_name(value, message):
+    with pytest.raises(ConfigError, match=f"^Search space: 'tau': .*{message}"):
+        parse_parameter("tau", value)
+
+
+# Spaces.
+
 SPACE = Space(
     {
         "learning_rate": {"float": [1e-4, 1e-2], "log": True},
@@ -52,7 +195,6 @@ SETTINGS = {
 
 def test_a_space_is_a_mapping_that_survives_json_and_pickle():
     assert list(SPACE) == list(SETTINGS)
-    assert SPACE["gamma"].form == {"discount": [0.6, 0.97]}
     again = Space(json.loads(json.dumps(SPACE.to_mapping())))
     assert again == SPACE == pickle.loads(pickle.dumps(SPACE)) == copy.deepcopy(SPACE)
     assert again.distributions == SPACE.distributions
@@ -60,8 +202,7 @@ def test_a_space_is_a_mapping_that_survives_json_and_pickle():
 
 def test_a_trial_and_what_is_stored_of_it_give_the_same_settings():
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=1))
-    trial = study.ask()
-    settings = SPACE.suggest(trial)
+    settings = SPACE.suggest(study.ask())
     assert settings.keys() == SPACE.keys()
     params = study.trials[0].params
     assert params.keys() == SPACE.distributions.keys() == {*SETTINGS, "1 - gamma"} - {"gamma"}
@@ -71,21 +212,17 @@ def test_a_trial_and_what_is_stored_of_it_give_the_same_settings():
 
 
 @pytest.mark.parametrize(
-    ("parameters", "message"),
+    ("given", "message"),
     [
-        ({}, r"^Search space: \{\} has no parameter: expected a mapping"),
-        ([("tau", 1)], r"^Search space: \[.* has no parameter: expected a mapping"),
-        ({3: 1}, "^Search space: 3 is no name of a setting: expected a path"),
-        ({"1 - gamma": 1}, "^Search space: '1 - gamma' is no name of a setting"),
-        ({"seed": 1}, "^Search space: 'seed' cannot be searched: each trial trains from"),
-        ({"callback.F1Callback.eval_freq": 1}, "cannot be searched: expected 'callback' as"),
-        ({"env_wrapper.TemporalStretch": 1}, "names no argument: expected 'env_wrapper.T"),
-        ({"tau": {"float": [1, 0]}}, "^Search space: 'tau': .* is no range"),
+        ({}, r"^Search space: \{\} cannot be searched: expected a mapping"),
+        ([("tau", 1)], r"^Search space: \[.* cannot be searched: expected a mapping"),
+        ({"seed": {"int": [1, 2]}}, "none of algo, .* seed, which all trials share"),
+        ({"tau": {"float": [1, 0]}}, "^Search space: 'tau': "),
     ],
 )
-def test_a_space_that_makes_no_sense_is_refused(parameters, message):
+def test_a_space_that_makes_no_sense_is_refused(given, message):
     with pytest.raises(ConfigError, match=message):
-        Space(parameters)
+        Space(given)
 
 
 @pytest.mark.parametrize(
@@ -97,8 +234,7 @@ def test_a_space_that_makes_no_sense_is_refused(parameters, message):
     ],
 )
 def test_an_enqueued_trial_has_the_settings_of_the_entry(entry):
-    applied = with_settings({**ENTRY, **entry}, SETTINGS)
-    params = SPACE.params_of(applied)
+    params = SPACE.params_of("sac", ENV_ID, with_settings({**ENTRY, **entry}, SETTINGS))
     assert params["1 - gamma"] == 0.2
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
     study.enqueue_trial(params)
@@ -108,34 +244,35 @@ def test_an_enqueued_trial_has_the_settings_of_the_entry(entry):
 @pytest.mark.parametrize(
     ("entry", "params"),
     [
-        ({}, {}),
-        ({"learning_rate": "1e-3", "gamma": "0.8"}, {"learning_rate": 0.001, "1 - gamma": 0.2}),
+        ({}, {"learning_rate": 3e-4}),  # SAC's own; 0.99, 256 and 10 are not searched
+        ({"gamma": "0.8"}, {"learning_rate": 3e-4, "1 - gamma": 0.2}),
         ({"learning_rate": "lin_0.001", "gamma": 0.99, "batch_size": 32}, {}),
         (
-            {"policy_kwargs": "dict(activation_fn=torch.nn.Tanh)"},
+            {"learning_rate": 1, "policy_kwargs": "dict(activation_fn=torch.nn.Tanh)"},
             {"policy_kwargs.activation_fn": "nn.Tanh"},
         ),
-        ({"env_wrapper": {STRETCH: {"factor": 3}}}, {}),
+        (
+            {"learning_rate": 1, "batch_size": "128", "policy_kwargs": {"net_arch": (64, 64)}},
+            {"batch_size": 128, "policy_kwargs.net_arch": "[64, 64]"},
+        ),
+        ({"learning_rate": 1, "env_wrapper": {STRETCH: {"factor": 3}}}, {}),
+        ({"learning_rate": 1, "env_kwargs": {"n_steps_lookahead": 5}}, {"n": 5}),
     ],
 )
-def test_what_the_entry_lacks_or_what_lies_outside_is_left_out(entry, params):
-    assert SPACE.params_of(entry) == params
+def test_defaults_count_and_what_lies_outside_is_left_out(entry, params):
+    params = {"env_kwargs.n_steps_lookahead" if k == "n" else k: v for k, v in params.items()}
+    assert SPACE.params_of("sac", ENV_ID, {**ENTRY, **entry}) == params
 
 
 # Spaces by name and from files.
 
 
-def write(path, text):
-    path.write_text(text)
-    return str(path)
-
-
 def test_a_space_comes_from_names_and_files_of_which_the_last_one_counts(tmp_path):
-    first = write(tmp_path / "a.yml", "gamma: {float: [0, 0.5]}\nn_steps: {int: [1, 3]}\n")
-    second = write(tmp_path / "without_ending", "n_steps: {choice: [1, 2]}\n")
-    space = load_space(["sac", first, second], "sac")
+    first, second = tmp_path / "a.yml", tmp_path / "without_ending"
+    first.write_text("gamma: {float: [0, 0.5]}\nn_steps: {int: [1, 3]}\n")
+    second.write_text("n_steps: {choice: [1, 2]}\n")
     own = {"gamma": {"float": [0, 0.5]}, "n_steps": {"choice": [1, 2]}}
-    assert space == Space({**SPACES["sac"], **own})
+    assert load_space(["sac", first, str(second)], "sac") == Space({**SPACES["sac"], **own})
     assert load_space([first, "sac"], "a2c")["gamma"] == SPACES["sac"]["gamma"]
     assert load_space([], "tqc") == SPACES["tqc"]
 
@@ -144,14 +281,14 @@ def test_a_space_comes_from_names_and_files_of_which_the_last_one_counts(tmp_pat
     ("text", "message"),
     [
         (None, "a.yml' cannot be read: No such file"),
-        ("{}", r"a.yml': Search space: \{\} has no parameter"),
+        ("{}", r"a.yml': Search space: \{\} cannot be searched"),
         ("[]", "a.yml' holds list at the top level"),
         ("tau: {flaot: [0, 1]}", "a.yml': Search space: 'tau': .* Did you mean 'float'"),
     ],
 )
 def test_a_file_that_holds_no_space_is_named(tmp_path, text, message):
     if text is not None:
-        write(tmp_path / "a.yml", text)
+        (tmp_path / "a.yml").write_text(text)
     with pytest.raises(ConfigError, match=message):
         load_space([tmp_path / "a.yml"], "sac")
 
@@ -159,7 +296,7 @@ def test_a_file_that_holds_no_space_is_named(tmp_path, text, message):
 def test_an_unknown_name_is_refused():
     with pytest.raises(ConfigError, match="^Unknown search space 'saq'. Did you mean 'sac'.*YAML"):
         load_space(["saq"], "sac")
-    with pytest.raises(ConfigError, match="^No search space comes with this package for 'a2c':"):
+    with pytest.raises(ConfigError, match="^Unknown search space 'a2c'"):
         load_space([], "a2c")
 
 
@@ -184,20 +321,17 @@ def test_every_setting_and_range_is_accepted_where_it_enters(name):
 @pytest.mark.parametrize("env_id", [DEBUG_IDS[0], DEBUG_IDS[-1]])
 @pytest.mark.parametrize("name", SPACES)
 def test_the_settings_of_the_debug_presets_lie_inside(name, env_id):
-    algo = algorithm_of(name)
+    algo, space = algorithm_of(name), SPACES[name]
     entry = load_entry(algo, env_id)
-    space = SPACES[name]
-    full = space.params_of(with_defaults(algo, env_id, entry))
-    assert full.keys() == space.distributions.keys()
-    settings = space.settings(full)
-    assert {**settings, **space.settings(space.params_of(entry))} == settings
-    assert space.params_of(with_settings(entry, settings)) == full
+    params = space.params_of(algo, env_id, entry)
+    assert params.keys() == space.distributions.keys()
+    assert space.params_of(algo, env_id, with_settings(entry, space.settings(params))) == params
 
 
 @pytest.mark.parametrize("name", ["td3", "sac", "tqc", "ddpg"])
 def test_the_published_settings_lie_inside(name):
-    space = SPACES[name]
-    settings = space.settings(space.params_of(load_entry(name, "RoboPianist-v0")))
+    env_id, space = "RoboPianist-v0", SPACES[name]
+    settings = space.settings(space.params_of(name, env_id, load_entry(name, env_id)))
     assert {"learning_rate", "batch_size"} <= settings.keys()
     assert (settings["gamma"], settings["tau"]) == (0.8, 0.005)
     assert settings["policy_kwargs.net_arch"] == [256, 256, 256]
@@ -211,8 +345,7 @@ def test_batches_of_ppo_are_all_full():
 def test_rewards_are_searched_around_their_defaults_but_for_the_unit():
     prefix = "env_kwargs.reward_weights."
     terms = {name.removeprefix(prefix) for name in SPACES["reward"]}
-    assert terms <= DEFAULT_REWARD_WEIGHTS.keys() - {"key_press"}
-    assert "fingering" in terms
+    assert {"fingering"} <= terms <= DEFAULT_REWARD_WEIGHTS.keys() - {"key_press"}
     for term in terms:
         low, high = SPACES["reward"][f"{prefix}{term}"].extremes()
         assert low == pytest.approx(DEFAULT_REWARD_WEIGHTS[term] / 10)
@@ -222,11 +355,11 @@ def test_rewards_are_searched_around_their_defaults_but_for_the_unit():
 # Spaces are tried out where their settings enter, before anything is trained.
 
 
-def check(text, entry=None, algo="td3", env_id=ENV_ID):
+def check(text, entry=None, algo="td3"):
     entry = {**ENTRY, "env_kwargs": {"n_steps_lookahead": 1}, **(entry or {})}
     before = copy.deepcopy(entry)
     try:
-        check_space(Space(yaml.safe_load(text)), algo, env_id, entry)
+        check_space(Space(yaml.safe_load(text)), algo, ENV_ID, entry)
     finally:
         assert entry == before
 
@@ -235,29 +368,20 @@ def check(text, entry=None, algo="td3", env_id=ENV_ID):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("gama: {float: [0, 1]}", "'gama' = 0.0: Unknown key 'gama' of TD3. Did you mean 'gamma'"),
-        ("gamma: {float: [0.5, 1.5]}", "'gamma' = 1.5: .* expected a finite number from 0 to 1."),
-        ("learning_rate: {float: [0, 1]}", "'learning_rate' = 0.0: .* finite number above 0."),
-        ("batch_size: {float: [1, 9.5]}", "'batch_size' = 9.5: .* expected a whole number."),
-        ("gradient_steps: {int: [-1, 0]}", "'gradient_steps' = 0: .* 1 or more, or -1"),
-        ("policy_kwargs.dropout: {float: [0, 1]}", "'policy_kwargs.dropout' = 0.0: Unknown key"),
-        ("policy: {choice: [MlpPolicy, MlPolicy]}", "'policy' = 'MlPolicy': Unknown policy"),
-        ("noise_std: {float: [0.1, 0.2]}", "'noise_std' = 0.1: noise_type is None and noise_std"),
-        ("n_envs: {int: [0, 2]}", "'n_envs' = 0: n_envs is 0: expected "),
-        ("env_kwargs.n_lookahed: {int: [1, 2]}", "'env_kwargs.n_lookahed' = 1: Unknown option"),
-        (
-            "env_wrapper.TemporalStretch.factor: {float: [0, 1]}",
-            "'env_wrapper.TemporalStretch.factor' = 0.0: factor is 0.0: expected ",
-        ),
-        ("env_wrapper.Stretch.x: {float: [1, 2]}", "'env_wrapper.Stretch.x' = 1.0: .* has no 'St"),
-        (
-            "env_wrapper: {choice: {none: [], wrong: [no.such.Wrapper]}}",
-            r"'env_wrapper' = \['no.such.Wrapper'\]: env_wrapper: 'no.such.Wrapper' cannot be imp",
-        ),
+        ("gama: {float: [0, 1]}", "'gama': 0.0}: Unknown key 'gama' of TD3. Did you mean 'gamma'"),
+        ("batch_size: {float: [1, 9.5]}", "'batch_size': 9.5}: .* expected a whole number."),
+        ("policy_kwargs.dropout: {float: [0, 1]}", "'policy_kwargs.dropout': 0.0}: .*Unknown key"),
+        ("policy: {choice: [MlpPolicy, MlPolicy]}", "'policy': 'MlPolicy'}: Unknown policy"),
+        ("noise_std: {float: [0.1, 0.2]}", "'noise_std': 0.1}: noise_type is None and noise_std"),
+        ("env_kwargs.n_lookahed: {int: [1, 2]}", "'env_kwargs.n_lookahed': 1}: Unknown option"),
+        ("env_wrapper.TemporalStretch.factor: {float: [0, 1]}", ".*: factor is 0.0: expected "),
+        ("env_wrapper.Stretch.x: {float: [1, 2]}", ".*: .*'sb3_piano.wrappers.Stretch'"),
+        ("env_wrapper.TemporalStretch: {float: [1, 2]}", ".*: .* is no entry for env_wrapper"),
+        ("'1 - gamma': {float: [0, 1]}", ".*: Unknown key '1 - gamma' of TD3"),
     ],
 )
-def test_unknown_settings_and_impossible_values_are_named_before_anything_is_trained(text, message):
-    with pytest.raises(ConfigError, match=f"^Search space: {message}"):
+def test_unknown_settings_and_impossible_values_are_told_before_anything_is_trained(text, message):
+    with pytest.raises(ConfigError, match=f"^Search space, with {{{message}"):
         check(text)
 
 
@@ -296,10 +420,10 @@ class Fussy(gym.Wrapper):
 def test_one_environment_in_this_process_is_enough_and_its_own_words_are_passed_on():
     entry = {"env_wrapper": f"{__name__}.Fussy", "n_envs": 3, "vec_env": "subproc"}
     before = Fussy.made
-    message = "^Search space: 'env_wrapper.Fussy.mood' = -1: RuntimeError: not today"
+    message = "'env_wrapper.Fussy.mood': -1}: RuntimeError: not today"
     with pytest.raises(ConfigError, match=message):  # not: a process ended
         check("env_wrapper.Fussy.mood: {int: [-1, 1]}", entry)
-    assert Fussy.made - before == 3  # with all settings, with none, and with this one alone
+    assert Fussy.made - before == 2  # with the entry alone, and with the lower end
 
 
 @pytest.mark.filterwarnings("error")

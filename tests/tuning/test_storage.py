@@ -7,7 +7,6 @@ import dataclasses
 import multiprocessing
 import os
 import signal
-import socket
 from pathlib import Path
 
 import optuna
@@ -53,7 +52,7 @@ def opened(folder):
 
         def open_one(config=CONFIG, url=None, name="twinkle", **options) -> optuna.Study:
             store = stack.enter_context(opened_store(url, folder))
-            return open_study(config, store, name=name, **options)
+            return open_study(config, store, name=name, search=Search(**options))
 
         yield open_one
 
@@ -78,16 +77,15 @@ def url(request) -> str | None:
 
 @pytest.mark.slow
 def test_a_new_study_says_what_it_is_and_waits_with_the_preset(opened, url, recwarn):
-    study = opened(url=url, search=Search(pruner="hyperband"))
+    study = opened(url=url, pruner="hyperband")
     assert study.direction == optuna.study.StudyDirection.MAXIMIZE
-    assert study.user_attrs["study"] == CONFIG.to_mapping()
     assert study.user_attrs["identity"] == CONFIG.identity()
     (preset,) = study.get_trials()
     assert preset.state is TrialState.WAITING
     assert preset.user_attrs == {ORIGIN: PRESET}
     settings = CONFIG.space.suggest(study.ask())
     assert (settings["learning_rate"], settings["batch_size"]) == (3e-4, 64)
-    again = opened(url=url, search=Search(pruner="hyperband"))
+    again = opened(url=url, pruner="hyperband")
     for each in (study, again):
         assert isinstance(each.pruner, optuna.pruners.HyperbandPruner)
     assert [trial.state for trial in again.get_trials()] == [TrialState.RUNNING]
@@ -105,7 +103,7 @@ def open_together(folder, url, barrier, said) -> None:
     barrier.wait(30)
     try:
         with opened_store(url, folder) as store:
-            said.put(len(open_study(CONFIG, store, name="twinkle").get_trials()))
+            said.put(len(open_study(CONFIG, store, name="twinkle", search=Search()).get_trials()))
     except Exception as error:
         said.put(repr(error))
 
@@ -157,7 +155,7 @@ def test_what_a_store_gives_back_in_another_type_is_the_same(opened):
     "directions", [["minimize"], ["maximize", "minimize"], ["maximize"]], ids=str
 )
 def test_a_study_of_another_program_is_refused(directions, opened, folder, monkeypatch):
-    monkeypatch.setattr(storage, "_PATIENCE_SECONDS", 0.2)
+    monkeypatch.setattr(storage, "_MAKING_SECONDS", 0.2)
     with opened_store(None, folder) as store:
         optuna.create_study(study_name="twinkle", storage=store, directions=directions).ask()
     with pytest.raises(ConfigError, match="Study 'twinkle' is another program's: expected one of"):
@@ -165,7 +163,7 @@ def test_a_study_of_another_program_is_refused(directions, opened, folder, monke
 
 
 def test_a_study_whose_maker_was_killed_at_once_is_made_to_an_end(opened, folder, monkeypatch):
-    monkeypatch.setattr(storage, "_PATIENCE_SECONDS", 0.2)
+    monkeypatch.setattr(storage, "_MAKING_SECONDS", 0.2)
     with opened_store(None, folder) as store:
         optuna.create_study(study_name="twinkle", storage=store, direction="maximize")
     assert [trial.user_attrs for trial in opened().get_trials()] == [{ORIGIN: PRESET}]
@@ -210,25 +208,22 @@ def test_many_processes_write_into_a_journal_and_may_be_killed(opened, folder):
         process.start()
     for process in processes:
         process.join()
-    assert len(opened().user_attrs) == 2 + 3 * 50
+    assert len(opened().user_attrs) == 1 + 3 * 50
 
 
-@pytest.mark.parametrize("rest", [lambda lines: lines[3:], lambda lines: []], ids=["amid", "last"])
-@pytest.mark.parametrize(
-    "line", ["nonsense", "{}", "[1]", "3", '{"op_code": 99}', '{"op_code": 0}', "[" * 9999]
-)
-def test_a_journal_that_is_damaged_is_refused(line, rest, opened, folder):
+@pytest.mark.parametrize("line", ["nonsense", "[1]", '{"op_code": 99}', '{"op_code": 0}'])
+def test_a_journal_that_is_damaged_is_refused(line, opened, folder):
     file = fill_journal(opened, folder)
     lines = file.read_text().splitlines()
-    file.write_text("\n".join([*lines[:2], line, *rest(lines), ""]))
-    with pytest.raises(RunError, match=f"'{file}' is damaged: expected a journal of Optuna"):
+    file.write_text("\n".join([*lines[:2], line, *lines[3:], ""]))
+    with pytest.raises(RunError, match=f"'{file}' cannot be used .*: expected a journal of Optuna"):
         open_store(None, folder)
 
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     folder = StudyFolder(tmp_path / "file" / "study")
-    with pytest.raises(RunError, match="journal.log' cannot be read and written: Not a directory"):
+    with pytest.raises(RunError, match="journal.log' cannot be used .*Not a directory"):
         open_store(None, folder)
 
 
@@ -238,62 +233,25 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("url", "message"),
     [
-        ("nonsense", "storage 'nonsense' is no URL of a database: expected one like postgresql"),
-        ("sqlite:///study.db", "storage is an SQLite file, which is not for several machines"),
-        ("postgres://host/name", "unknown database 'postgres'. Did you mean 'postgresql.psycopg'?"),
-        ("postgresql+nosuch://host/name", r"unknown database 'postgresql\+nosuch'. Did you mean"),
-        (
-            "postgresql+asyncpg://host/name",
-            r"'postgresql\+asyncpg://host/name' needs the Python package 'asyncpg', which is not "
-            r"installed. Expected: the URL .* and pip install '.\[postgresql\]'",
-        ),
-        ("oracle://host/name", "needs the Python package '.*oracle.*'.* Expected: pip install "),
+        ("nonsense", "'nonsense' cannot be used: Could not parse.* such as postgresql"),
+        ("sqlite:///study.db", "SQLite is not for several machines"),
+        ("postgres://host/name", "sqlalchemy.dialects:postgres"),
+        ("postgresql+asyncpg://host/name", r"No module named 'asyncpg'.*'.\[postgresql\]'"),
+        # Passwords, which are never shown.
+        ("postgresql//me:pass@host/name", "'...' cannot be used"),
+        ("postgresql+psycopg://me:pass/word@host:pass/name", "cannot be used"),
+        ("postgres://me:pass@host/name", "me:.*@host/name' cannot be used"),
+        ("postgresql+asyncpg://me@host/name?password=pass", "me@host/name' cannot be used"),
+        ("postgresql+psycopg://me:pass@127.0.0.1:1/name", "me:.*@127.0.0.1:1/name' cannot be used"),
+        ("postgresql+psycopg://me@127.0.0.1:1/name?password=pass", "/name' cannot be used"),
+        ("sqlite:///study.db?password=pass", "SQLite is not for several machines"),
     ],
 )
-def test_a_url_of_no_database_for_this_is_refused(url, message, folder):
-    with pytest.raises(ConfigError, match=message):
+def test_what_is_no_database_for_this_is_refused_without_its_password(url, message, folder):
+    with pytest.raises(RunError, match=f"^Database .*{message}") as caught:
         open_store(url, folder)
-
-
-@pytest.mark.parametrize(
-    "url",
-    [
-        "postgresql//me:pass@host/name",
-        "postgresql+psycopg://me:pass/word@host:pass/name",
-        "postgres://me:pass@host/name",
-        "postgresql+asyncpg://me@host/name?password=pass",
-        "postgresql+psycopg://me:pass@127.0.0.1:1/name",
-        "postgresql+psycopg://me@127.0.0.1:1/name?password=pass",
-        "sqlite:///study.db?password=pass",
-    ],
-)
-def test_no_message_shows_a_password(url, folder):
-    with pytest.raises((ConfigError, RunError), match=".") as caught:
-        open_store(url, folder)
-    assert "pass@" not in str(caught.value)
-    assert "word" not in str(caught.value).replace("password as", "").replace("a password", "")
-    assert "=pass" not in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def try_to_open(url: str, folder: StudyFolder, said) -> None:
-    try:
-        open_store(url, folder)
-    except Exception as error:
-        said.put(str(error))
-
-
-def test_a_host_that_never_answers_is_given_up(folder, monkeypatch):
-    monkeypatch.setattr(storage, "CONNECT_TIMEOUT", 2)
-    said = FORK.Queue()
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        url = f"postgresql+psycopg://me:secret@127.0.0.1:{silent.getsockname()[1]}/piano"
-        process = FORK.Process(target=try_to_open, args=(url, folder, said))
-        process.start()
-        message = said.get(timeout=60)  # the driver alone would take more than two minutes
-    process.join()
-    assert message.startswith("Database 'postgresql+psycopg://me:***@127.0.0.1:")
-    assert "timeout expired. Expected a server that runs" in message
+    for secret in ("pass@", "word@", "=pass", "\n"):
+        assert secret not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -319,24 +277,10 @@ def execute(url: str, *statements: str) -> None:
     engine.dispose()
 
 
-def test_tables_of_another_version_of_optuna_are_refused(database_url, folder):
-    open_store(database_url, folder)
-    execute(database_url, "UPDATE alembic_version SET version_num = 'v2.6.0.a'")
-    with pytest.raises(RunError, match="Database '.*' cannot be used: .*optuna storage upgrade"):
-        open_store(database_url, folder)
-
-
-def test_a_password_may_hold_any_character(database_url, folder):
+def test_a_password_may_hold_any_character_and_tables_are_of_this_optuna(database_url, folder):
     url = database_url.replace("://postgres@", "://postgres:{a}%40{@")
     assert url != database_url
     open_store(url, folder)
-
-
-def test_a_connection_that_broke_is_made_again(database_url, opened):
-    study = opened(url=database_url)
-    execute(
-        database_url,
-        "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = "
-        "current_database() AND pid != pg_backend_pid()",
-    )
-    assert len(study.get_trials()) == 1
+    execute(database_url, "UPDATE alembic_version SET version_num = 'v2.6.0.a'")
+    with pytest.raises(RunError, match="Database '.*' cannot be used: .*optuna storage upgrade"):
+        open_store(url, folder)

@@ -1,14 +1,17 @@
-"""Settings in an RL Zoo entry by their paths, whether it is written in YAML or as text."""
+"""Entries of YAML files: settings by their paths, and files that RL Zoo reads as we do."""
 
 from __future__ import annotations
 
 import copy
 
 import pytest
+import yaml
 
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import PRESETS
+from sb3_piano.training import load_config, load_entry
+from sb3_piano.training.configuration.entries import setting_at, with_settings, write_entry
 from sb3_piano.training.configuration.yaml_files import entry_config
-from sb3_piano.tuning.space import MISSING, setting_at, with_defaults, with_settings
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"
@@ -103,64 +106,66 @@ def test_two_arguments_of_a_missing_wrapper_go_to_one():
         ({}, "env_wrapper.TemporalStretch.factor"),
     ],
 )
-def test_what_an_entry_lacks_is_missing(entry, name):
-    assert setting_at(entry, name) is MISSING
+def test_of_what_an_entry_lacks_the_default_is_told(entry, name):
+    assert setting_at(entry, name) is None
+    assert setting_at(entry, name, 3) == 3
 
 
 @pytest.mark.parametrize(
     ("entry", "name", "message"),
     [
-        ({}, "env_wrapper.TemporalStrech.factor", "env_wrapper has no 'TemporalStrech'. Did you"),
-        (
-            {"env_wrapper": SCALE},
-            "env_wrapper.RescaleActoin.low",
-            "env_wrapper has no 'RescaleActoin'. Did you mean 'RescaleAction'",
-        ),
-        (
-            {"env_wrapper": [STRETCH, STRETCH]},
-            "env_wrapper.TemporalStretch.factor",
-            "env_wrapper has TemporalStretch 2 times: expected it once",
-        ),
+        ({"env_wrapper": [STRETCH, STRETCH]}, "env_wrapper.TemporalStretch.factor", "env_wrapper"),
         ({"env_wrapper": [{}]}, "env_wrapper.A.b", r".*\{\} is no entry for env_wrapper: expected"),
         ({"gamma": 0.9}, "gamma.x", "gamma is 0.9: expected a mapping"),
-        ({"policy_kwargs": "dict(a=[1])"}, "policy_kwargs.a.b", "policy_kwargs.a is .*: expec"),
+        ({"policy_kwargs": "dict(a=[1])"}, "policy_kwargs.a.b", "a is .*: expected"),
         ({"policy_kwargs": "dict(a=)"}, "policy_kwargs.a", "'dict\\(a=\\)' cannot be read"),
     ],
 )
 def test_a_path_that_leads_nowhere_is_refused_by_name(entry, name, message):
-    with pytest.raises(ConfigError, match=f"^Search space: '{name}': {message}"):
+    with pytest.raises(ConfigError, match=f"^'{name}': {message}"):
         with_settings(entry, {name: 1})
 
 
+# Files of entries.
+
+
+def write_and_read(tmp_path, algo, env_id, entry, comment=()):
+    """Return the entry in the file, after it was checked to mean the same to us."""
+    file = tmp_path / "entry.yml"
+    write_entry(file, env_id, entry, comment)
+    assert load_config(algo, env_id, file) == entry_config(algo, env_id, entry)
+    ((_, written),) = yaml.safe_load(file.read_text()).items()
+    assert list(written) == list(entry)
+    return written
+
+
+@pytest.mark.parametrize("algo", PRESETS)
+def test_presets_are_written_as_rl_zoo_reads_them_changed_ones_too(algo, tmp_path):
+    entry = load_entry(algo, ENV_ID)
+    assert write_and_read(tmp_path, algo, ENV_ID, entry) == entry
+    arch = {"policy_kwargs.net_arch": {"pi": [8], "qf": [8], "vf": [8]}}
+    written = write_and_read(tmp_path, algo, ENV_ID, with_settings(entry, arch))
+    assert "torch.nn" not in str(written["policy_kwargs"])  # text of a class that RL Zoo has not
+
+
 @pytest.mark.parametrize(
-    "policy_kwargs",
+    ("kwargs", "text"),
     [
-        "dict(net_arch=[64, 64], activation_fn=nn.ReLU, n_critics=1)",
-        {"net_arch": [64, 64], "activation_fn": "nn.ReLU", "n_critics": 1},
+        ("dict(n_critics=1, activation_fn=nn.ReLU)", "'n_critics': 1, 'activation_fn': nn.ReLU"),
+        (
+            {"optimizer_class": "torch.optim.AdamW"},
+            "'optimizer_class': importlib.import_module('torch.optim').AdamW",
+        ),
+        ({"n_critics": 1}, None),
     ],
 )
-def test_text_that_the_zoo_evaluates_may_be_changed_inside(policy_kwargs):
-    settings = {"policy_kwargs.net_arch": {"pi": [8], "qf": [16, 16]}}
-    entry = with_settings({**ENTRY, "policy_kwargs": policy_kwargs}, settings)
-    assert entry_config("sac", ENV_ID, entry).algorithm_kwargs["policy_kwargs"] == {
-        "net_arch": {"pi": [8], "qf": [16, 16]},
-        "activation_fn": "torch.nn.ReLU",
-        "n_critics": 1,
-    }
+def test_a_class_in_what_was_changed_is_text_that_rl_zoo_evaluates(kwargs, text, tmp_path):
+    entry = with_settings({**ENTRY, "policy_kwargs": kwargs}, {"policy_kwargs.net_arch": [8]})
+    found = write_and_read(tmp_path, "sac", ENV_ID, entry)["policy_kwargs"]
+    assert found == (f"{{{text}, 'net_arch': [8]}}" if text else {**kwargs, "net_arch": [8]})
 
 
-def test_with_its_defaults_an_entry_has_what_it_does_not_say():
-    entry = {"n_timesteps": 1, "gamma": 0.9, "env_kwargs": {"reward_weights": {"energy": 0.5}}}
-    before = copy.deepcopy(entry)
-    full = with_defaults("sac", ENV_ID, entry)
-    found = {
-        "tau": 0.005,
-        "gamma": 0.9,
-        "policy": "MlpPolicy",
-        "env_kwargs.n_steps_lookahead": 10,
-        "env_kwargs.reward_weights.energy": 0.5,
-        "env_kwargs.reward_weights.fingering": 1.0,
-    }
-    assert {name: setting_at(full, name) for name in found} == found
-    assert entry == before
-    assert "env_kwargs" not in with_defaults("sac", "Pendulum-v1", {"n_timesteps": 1})
+def test_whatever_is_in_a_comment_stays_there(tmp_path):
+    comment = ["one", "a\nevil: true\r\u2028worse: 1\x85bad: 2"]
+    write_and_read(tmp_path, "sac", ENV_ID, ENTRY, comment)
+    assert (tmp_path / "entry.yml").read_text().startswith("# one\n# a evil: true")

@@ -1,0 +1,120 @@
+"""Entries of RL Zoo's YAML files: a setting by its path, and an entry as a file."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+import sb3_piano.wrappers
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.files import dump_yaml, write_text
+from sb3_piano.training.configuration.names import full_name, import_name, is_dotted, registered_id
+from sb3_piano.training.configuration.plugins import parse_plugins
+from sb3_piano.training.configuration.values import coerce_mapping, plain
+
+_WRAPPERS = "env_wrapper"
+_EVALUATED = ("policy_kwargs", "replay_buffer_class", "replay_buffer_kwargs")
+"""Where RL Zoo evaluates text, which is the only way to write a class there."""
+
+
+def setting_at(entry: Mapping[str, Any], name: str, default: Any = None) -> Any:
+    """Return the setting at a path such as ``policy_kwargs.net_arch``, or ``default``."""
+    keys = name.split(".")
+    tree: Any = entry
+    if keys[0] == _WRAPPERS and keys[1:]:
+        tree = {_WRAPPERS: {key: kwargs for key, (_, kwargs) in _by_class(entry).items()}}
+    for key in keys:
+        try:
+            tree = coerce_mapping(tree, name)[key]
+        except (ConfigError, KeyError):  # nothing that could hold it, or nothing there
+            return default
+    return tree
+
+
+def with_settings(entry: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of an entry with settings by their paths, on which what is missing is made.
+
+    What holds others comes before them, as they may change parts of it. Where a path leads into
+    text that RL Zoo evaluates, a mapping takes its place. ``env_wrapper.<class>.<argument>`` leads
+    to the wrapper with that class name; one of ``sb3_piano.wrappers`` that is missing is put around
+    the others.
+
+    Raises:
+        ConfigError: If the entry has no place for one.
+    """
+    changed = copy.deepcopy(dict(entry))
+    for name in sorted(settings, key=lambda name: name.count(".")):
+        keys, value = name.split("."), copy.deepcopy(settings[name])
+        try:
+            if keys[0] == _WRAPPERS and keys[1:]:
+                changed[_WRAPPERS] = _with_argument(changed, keys[1:], value)
+            else:
+                changed = _with_value(changed, keys, value, "the entry")
+        except ConfigError as error:
+            raise ConfigError(f"{name!r}: {error}") from error
+    return changed
+
+
+def _with_value(tree: Any, keys: Sequence[str], value: Any, where: str) -> Any:
+    if not keys:
+        return value
+    branches = coerce_mapping({} if tree is None else tree, where)
+    key, *rest = keys
+    return {**branches, key: _with_value(branches.get(key), rest, value, key)}
+
+
+def _with_argument(entry: Mapping[str, Any], keys: Sequence[str], value: Any) -> list[Any]:
+    """Return wrappers with an argument of the one whose class name comes first in a path."""
+    (name, *rest), wrappers = keys, _by_class(entry)
+    path, kwargs = wrappers.get(name, (f"{sb3_piano.wrappers.__name__}.{name}", {}))
+    wrappers[name] = path, _with_value(kwargs, rest, value, name)
+    return [{path: kwargs} for path, kwargs in wrappers.values()]
+
+
+def _by_class(entry: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
+    """Return import path and arguments of each wrapper by the name of its class."""
+    wrappers = parse_plugins(entry.get(_WRAPPERS), _WRAPPERS, gym.Wrapper)
+    found = {w.path.rpartition(".")[2]: (w.path, dict(w.kwargs)) for w in wrappers}
+    if len(found) < len(wrappers):
+        raise ConfigError(f"{_WRAPPERS} has a class twice: expected each of {list(found)} once.")
+    return found
+
+
+def write_entry(file: Path, env_id: str, entry: Mapping[str, Any], comment: Iterable[str]) -> None:
+    """Write a YAML file for ``sb3-piano train --config``, with lines of comment above the entry.
+
+    RL Zoo reads it (``--conf-file``) if it reads the entry: what :func:`with_settings` turned into
+    mappings with classes becomes text again.
+    """
+    written = plain(entry, "entry")
+    written |= {name: _zoo_form(written[name]) for name in _EVALUATED if name in written}
+    # Without a flow style, lists stand in one line.
+    style: dict[str, Any] = {"default_flow_style": None, "width": 100, "allow_unicode": True}
+    text = dump_yaml({registered_id(env_id)[1]: written}, **style)
+    write_text(file, "".join(f"# {' '.join(line.splitlines())}\n" for line in comment) + text)
+
+
+def _zoo_form(value: Any) -> Any:
+    """Return Python's text for a mapping with import paths of classes; all else as it is."""
+    text = _source(value)
+    return text if isinstance(value, Mapping) and text != repr(value) else value
+
+
+def _source(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{name!r}: {_source(item)}' for name, item in value.items())}}}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_source, value))}]"
+    if not isinstance(value, str) or not is_dotted(full_name(value)):
+        return repr(value)
+    try:
+        import_name(value)
+    except ConfigError:
+        return repr(value)  # text with dots
+    module, _, name = full_name(value).rpartition(".")
+    # RL Zoo has torch.nn in scope.
+    return f"nn.{name}" if module == "torch.nn" else f"importlib.import_module({module!r}).{name}"

@@ -19,11 +19,11 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 2_035,
+    "base": 1_800,
     "batch": 1_800,
     "buffers": 660,
     "callbacks": 2_770,
-    "cli": 3_175,
+    "cli": 3_203,
     "demonstrations": 1_505,
     "envs": 3_300,
     "hyperparams": 30,
@@ -34,14 +34,14 @@ LINES = {
     "music": 8_550,
     "pipelines": 1_354,
     "planning": 2_700,
-    "players": 2_170,
+    "players": 2_172,
     "policies": 1_580,
     "reading": 995,
     "simulation": 1_170,
-    "training": 6_217,
+    "training": 6_229,
     "tuning": 1_377,
     "vec_env": 490,
-    "viewing": 2_260,
+    "viewing": 2_587,
     "wrappers": 2_050,
 }
 
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_693
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_248, "modules": 324, "names": 219},
+    "core": {"lines": 48_393, "modules": 324, "names": 220},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 41_980},
+    "tests": {"lines": 42_010},
 }
 
 

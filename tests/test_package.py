@@ -42,7 +42,6 @@ ROOMS = [
     "reading",
     "metrics",
     "performance",
-    "take",
     "viewing",
     "envs",
     "planning",

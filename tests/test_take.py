@@ -1,6 +1,7 @@
 """A take comes back from its file with all that was played, and goes wherever a player goes."""
 
 import dataclasses
+import re
 import sys
 from pathlib import Path
 
@@ -14,8 +15,8 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.players import PlayerSpec, rollout
-from sb3_piano.take import Take
 from sb3_piano.training import OpenPlayer
+from sb3_piano.viewing.take import Take
 
 TUNE = Score(notes=[Note(onset=i / 4, offset=(i + 1) / 4, pitch=72 + i) for i in range(3)])
 
@@ -120,3 +121,32 @@ def test_a_midi_file_walks_through_nine_rooms_to_what_is_heard(capsys):
         *("cli", "training", "players", "music", "envs"),
         *("simulation", "reading", "metrics", "viewing"),
     }
+
+
+def test_one_line_of_python_plays_a_file():
+    take = sb3_piano.play("tune.mid", physics="fast")
+    assert (take.player, take.title) == ("sight-reader", "tune")
+    assert (take.f1, take.onset_f1) == (take.metrics["f1"], take.metrics["onset_f1"])
+    take.save_midi("take.mid")
+    assert read_midi("take.mid").notes == take.score.notes
+    take.save_wav("take.wav")
+    take.save_report("take.html")
+    assert "sight-reader" in Path("take.html").read_text(encoding="utf-8")
+    assert f"F1 {take.f1:.3f}" in take._repr_html_()
+    assert "data:audio/wav;base64," in take._repr_html_()
+    assert dir(sb3_piano) == sorted(sb3_piano.__all__)
+    silent = dataclasses.replace(take, performance=None)
+    with pytest.raises(RunError, match="No key was pressed"):
+        silent.save_midi("none.mid")
+
+
+@pytest.mark.slow
+def test_a_plan_is_refined_played_and_reported_by_one_command(capsys):
+    play = ["play", "tune.mid", "--refine", "0.001", "--report", "--no-video", "--physics", "fast"]
+    assert main([*play, "--no-progress"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"Plan:  play/tune-planned/plan.npz \(F1 [\d.]+ before, [\d.]+ refined", out)
+    assert Path("play/tune-planned-plan/report.html").is_file()
+    assert Path("play/tune-planned-plan/performance.mid").is_file()
+    assert main([*play, "--player", "sight-reader"]) == 2
+    assert "--player cannot be given with --refine: the plan plays" in capsys.readouterr().err

@@ -51,7 +51,8 @@ _SHARED: dict[str, tuple[Any, ...]] = {
     "--best": ("METRIC", "play the best model by f1 or onset_f1, not the last one"),
     "--physics": (
         "NAME",
-        "reference, faithful, fast-contacts or fast; default: what it was trained on",
+        "reference, faithful, fast-contacts, fast, faithful-capsules or fast-capsules; default: "
+        "what it was trained on",
     ),
     "--config": (
         "FILE.yml|NAME",

@@ -11,11 +11,10 @@ from typing import Any
 
 from sb3_piano.cli.common import (
     command,
-    progress_bar,
     tell_interrupted,
     whole_number,
 )
-from sb3_piano.cli.play import SET_HELP, stage_of
+from sb3_piano.cli.play import SET_HELP, minutes, refine, stage_of
 from sb3_piano.exceptions import ConfigError
 
 _REFINE_HELP = (
@@ -28,7 +27,7 @@ def add_arguments(parser: Any) -> None:
     """Add the arguments of ``plan``."""
     add = command(parser, _plan)
     add("what", "PIECE|ENV_ID", "a file, such as MIDI, a piece by its name, or an environment")
-    add("--refine", "MINUTES", _REFINE_HELP, _minutes)
+    add("--refine", "MINUTES", _REFINE_HELP, minutes)
     add("--passes", "N", "refine it by playing it N times", whole_number)
     add("--seed", "N", "what refinement draws from", int, 0)
     add("--parts", action="append")
@@ -37,19 +36,8 @@ def add_arguments(parser: Any) -> None:
     add("--no-progress")
 
 
-def _minutes(text: str) -> float:
-    try:
-        minutes = float(text)
-    except ValueError:
-        minutes = 0.0
-    if not 0 < minutes < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of minutes above 0, such as 5")
-    return minutes
-
-
 def _plan(arguments: argparse.Namespace) -> int:
-    from sb3_piano.interrupts import stop_on_signal
-    from sb3_piano.training.playing.takes import plan_file, write_plan
+    from sb3_piano.training.playing.takes import plan_file
 
     if os.path.isdir(arguments.what):
         raise ConfigError(
@@ -60,20 +48,8 @@ def _plan(arguments: argparse.Namespace) -> int:
     start = time.monotonic()
     file = plan_file(stage) if arguments.out is None else arguments.out
     limited = arguments.refine is not None and arguments.passes is None
-    with progress_bar(arguments, "Refining") as tell, stop_on_signal() as request:
-
-        def on_step(done: int, total: int, f1: float) -> None:
-            tell(description=f"Refining, F1 {f1:.3f}", completed=done, total=total)
-
-        made = write_plan(
-            stage,
-            file,
-            seed=arguments.seed,
-            minutes=arguments.refine,
-            passes=None if limited else arguments.passes or 0,
-            on_step=on_step,
-            should_stop=lambda: request.made,
-        )
+    passes = None if limited else arguments.passes or 0
+    made, interrupted = refine(stage, file, arguments, passes)
     refined = f", F1 {made.before:.3f} before, {made.f1:.3f} after {made.passes} pass"
     print(
         f"{made.piece}: planned in {time.monotonic() - start:.0f} s"
@@ -83,4 +59,4 @@ def _plan(arguments: argparse.Namespace) -> int:
     print(f"Plan:        {file}")
     print(f"Watch:       sb3-piano play {what} --player planned:plan={path}")
     print(f"Refine it:   sb3-piano plan {what} --out {path} --refine MINUTES")
-    return tell_interrupted(request.made, hint=": the best plan so far is kept.")
+    return tell_interrupted(interrupted, hint=": the best plan so far is kept.")

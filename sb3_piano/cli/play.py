@@ -30,9 +30,10 @@ from sb3_piano.exceptions import ConfigError
 if TYPE_CHECKING:
     from sb3_piano.music import Score
     from sb3_piano.players import PlayerSpec
-    from sb3_piano.take import Take
     from sb3_piano.training import EnvSpec, OpenPlayer
+    from sb3_piano.training.playing.takes import Planned
     from sb3_piano.viewing import Picture
+    from sb3_piano.viewing.take import Take
 
 _SCORE = "score"
 """Stands for no player: the piece is heard as it is written, while the hands rest."""
@@ -44,6 +45,10 @@ SET_HELP = "an option of the environment, such as physics=fast; may be given sev
 _WHAT = (
     "a piece or a file; a run's folder, or hf:OWNER/NAME of the Hub; or a take, a .npz file that "
     "play wrote"
+)
+_REFINE_HELP = (
+    "plan the piece and refine the plan in simulation for so long, then play it; the plan is kept, "
+    "and the same command goes on with it"
 )
 VIEWS = ("stage", "close", "top", "roll")
 _VIEW_HELP = (
@@ -74,6 +79,8 @@ def add_arguments(parser: Any) -> None:
     add("--physics")
     add("--best")
     add("--tree")
+    add("--refine", "MINUTES", _REFINE_HELP, minutes)
+    add("--report", text="write a page of the performance as well, report.html")
     add("--losses", text=LOSSES_HELP)
     add("--view", text=_VIEW_HELP, choices=VIEWS, default="stage")
     add("--size", "WxH", "pixels of the video", default="854x480")
@@ -111,6 +118,41 @@ def add_former_arguments(add: Add) -> None:
         add(f"--{name}", "N", kind=whole_number, **hidden)
     for name in ("plan", "nominal", "weights"):
         add(f"--{name}", "X", **hidden)
+
+
+def minutes(text: str) -> float:
+    """Read a number of minutes."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of minutes above 0, such as 5")
+    return number
+
+
+def refine(
+    stage: EnvSpec, file: Path, arguments: argparse.Namespace, passes: int | None = None
+) -> tuple[Planned, bool]:
+    """Plan what is played, refine the plan, and return how it went and whether Ctrl-C ended it."""
+    from sb3_piano.interrupts import stop_on_signal
+    from sb3_piano.training.playing.takes import write_plan
+
+    with progress_bar(arguments, "Refining") as tell, stop_on_signal() as request:
+
+        def on_step(done: int, total: int, f1: float) -> None:
+            tell(description=f"Refining, F1 {f1:.3f}", completed=done, total=total)
+
+        made = write_plan(
+            stage,
+            file,
+            seed=arguments.seed or 0,
+            minutes=arguments.refine,
+            passes=passes,
+            on_step=on_step,
+            should_stop=lambda: request.made,
+        )
+        return made, request.made
 
 
 def player_spec(arguments: argparse.Namespace, default: str = "sight-reader") -> PlayerSpec:
@@ -221,6 +263,9 @@ def _write(take: Take, folder: Path, picture: Picture | None, arguments: argpars
     print(f"Sound: {played.wav}{_loudness(take)}")
     if played.video is not None:
         print(f"Video: {played.video}")
+    if getattr(arguments, "report", False):
+        take.save_report(folder / "report.html")
+        print(f"Page:  {folder / 'report.html'}")
     return tell_errors(*[f"There is no video. {p}" for p in (played.problem,) if p is not None])
 
 
@@ -247,15 +292,15 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     """Let a player play; return that, and the folder that it belongs into."""
     from sb3_piano.music import load_score
-    from sb3_piano.take import Take
     from sb3_piano.training.playing.takes import default_folder, folder_of, take_of_score
     from sb3_piano.training.sharing.hub import exported_folder, is_on_hub
+    from sb3_piano.viewing.take import Take
 
     if is_on_hub(arguments.what):
         place = default_folder(None, None) / arguments.what.rpartition("/")[2]
         arguments.what, arguments.out = exported_folder(arguments.what), arguments.out or place
     if arguments.player == _SCORE:
-        others = ("planned", *_FORMER, "reduced", "score", "seed", "best", "tree", "set")
+        others = ("planned", *_FORMER, "reduced", "score", "seed", "best", "tree", "set", "refine")
         refuse_options(arguments, others, f"with --player {_SCORE}: nobody plays.")
         _check_piece(arguments.what)
         written = load_score(arguments.what, arguments.parts or ())
@@ -264,7 +309,7 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     if _is_take(arguments.what):
         others = ("player", "planned", *_FORMER, "reduced", "score", "parts", "set", "seed")
         reason = f"with the take '{arguments.what}', which was played."
-        refuse_options(arguments, (*others, "physics", "best", "tree"), reason)
+        refuse_options(arguments, (*others, "physics", "best", "tree", "refine"), reason)
         take = Take.read(arguments.what)
         return take, folder_of(take)
     opened, score = _opened(arguments)
@@ -279,12 +324,14 @@ def _is_take(what: str) -> bool:
 def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
     """Return who plays, and the piece if it is another than a run's own."""
     from sb3_piano.music import load_score
+    from sb3_piano.players import PlayerSpec
     from sb3_piano.training import OpenPlayer
+    from sb3_piano.training.playing.takes import plan_file
 
     options: dict[str, Any] = {"seed": arguments.seed or 0, "best": arguments.best}
     if os.path.isdir(arguments.what):
         reason = f"with the run '{arguments.what}': its own model plays."
-        others = ("player", "planned", *_FORMER, "reduced", "set")
+        others = ("player", "planned", *_FORMER, "reduced", "set", "refine")
         refuse_options(arguments, others, reason, "Expected a piece.")
         score = None
         if arguments.score is None:
@@ -300,7 +347,14 @@ def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
         _check_piece(arguments.what)
         score = load_score(arguments.what, arguments.parts or ())
         return OpenPlayer.open(spec, physics=arguments.physics, score=score, **options), score
-    return OpenPlayer.open(spec, stage_of(arguments), **options), None
+    stage = stage_of(arguments)
+    if arguments.refine is not None:
+        refuse_options(arguments, ("player", "planned", *_FORMER), "with --refine: the plan plays.")
+        file = plan_file(stage)
+        made, _ = refine(stage, file, arguments)
+        print(f"Plan:  {file} (F1 {made.before:.3f} before, {made.f1:.3f} refined)")
+        spec = PlayerSpec(name="planned", arguments={"plan": str(file)}, tree=spec.tree)
+    return OpenPlayer.open(spec, stage, **options), None
 
 
 def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.rewards import RETURN_PREFIX
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.take import Motion, Take
+from sb3_piano.viewing.take import Motion, Take
 
 
 class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):

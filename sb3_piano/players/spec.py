@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import os
+import re
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -107,8 +108,12 @@ class PlayerSpec:
 
     @property
     def label(self) -> str:
-        """Its name in names of folders and data sets, such as ``sight-reader-tree``."""
-        return f"{Path(self.name).name}{'' if self.tree is None else f'-{TREE}'}"
+        """Its name in names of folders and data sets, such as ``planned-passes3``."""
+        values = {n: Path(str(value)).stem for n, value in self.arguments.items()}
+        given = [n if n == value else f"{n}{value}" for n, value in values.items()]
+        tree = [] if self.tree is None else [f"{TREE}{self.tree}"]
+        parts = [Path(self.name).name, *(re.sub(r"[^\w.+]+", "_", one) for one in given), *tree]
+        return "-".join(parts)
 
     @property
     def is_run(self) -> bool:

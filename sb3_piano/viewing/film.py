@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.metrics import frame_f1
-from sb3_piano.take import Take
 from sb3_piano.viewing.moment import Moment
 from sb3_piano.viewing.performance_renderer import PerformanceRenderer
 from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture
+
+if TYPE_CHECKING:
+    from sb3_piano.viewing.take import Take
 
 
 def moments(take: Take) -> Iterator[Moment]:

@@ -1,20 +1,346 @@
-"""Takes in files (notes, sound and video) and in a window."""
+"""Takes: one performance each, with how everything moved, how good it was, and who played where."""
 
 from __future__ import annotations
 
+import base64
 import contextlib
-from collections.abc import Callable
-from dataclasses import dataclass
+import dataclasses
+import functools
+import html
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from sb3_piano.exceptions import RenderingError, RunError
+import numpy as np
+
+from sb3_piano.array_files import read_arrays
+from sb3_piano.arrays import Float32Array, FloatArray, IntArray
+from sb3_piano.exceptions import ConfigError, RenderingError, RunError, one_line
+from sb3_piano.files import write_atomically, write_text
 from sb3_piano.links import make_folder
-from sb3_piano.music import synthesize, write_midi, write_wav
-from sb3_piano.take import Take
+from sb3_piano.music import PianoRoll, Score, synthesize, write_midi, write_wav
+from sb3_piano.music.constants import NUM_FINGERS
+from sb3_piano.music.difficulty import MotionFeatures
+from sb3_piano.music.roll import EarlyRelease
+from sb3_piano.performance import Performance
+from sb3_piano.simulation import PianoScene, compile_scene
+from sb3_piano.unfinished import scratch_folder
 from sb3_piano.viewing.film import film, moments
 from sb3_piano.viewing.human_renderer import HumanRenderer
 from sb3_piano.viewing.video import write_video
-from sb3_piano.viewing.views import Picture, View
+from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture, View
+
+SUFFIX = ".npz"
+"""Suffix of the files."""
+
+_FORMAT = 1
+_MOST_BYTES = 2**28
+"""Most bytes of a file's arrays: a control step has less than 3000."""
+
+_OF_PERFORMANCE = (
+    "key_active",
+    "sustain",
+    "strike_time",
+    "strike_speed",
+    "release_time",
+    "press_finger",
+)
+_OF_ROLL = ("active", "finger", "onset", "sustain", "onset_time")
+_EXPECTED = "Expected a file that 'sb3-piano play' or 'evaluate --motion' wrote."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """Everything that moved in T control steps, and the actions that led to it."""
+
+    actions: Float32Array
+    """(T, n) the action of each step, as it reached the bare environment."""
+    qpos: FloatArray
+    """(T + 1, nq) all joint positions at the start and after each step, rad or m."""
+    hand_qpos: IntArray
+    """(m,) where in a row of ``qpos`` the hands' joints stand; the others are keys."""
+    fingertips: FloatArray
+    """(T + 1, 10, 3) world positions of the fingertips at the same times, in the order of finger
+    labels, m. Those of a hand that is not there stay where they are."""
+
+    def features(self) -> MotionFeatures:
+        """Return how much moved.
+
+        Raises:
+            ConfigError: If the arrays do not fit together, or a value is not finite.
+        """
+        self.check()
+        joints = self.qpos[:, self.hand_qpos]
+        return MotionFeatures(
+            action_variance=float(np.var(self.actions, axis=0, dtype=np.float64).mean()),
+            hand_motion=float(np.abs(np.diff(joints, axis=0)).mean()),
+            fingertip_motion=float(
+                np.linalg.norm(np.diff(self.fingertips, axis=0), axis=-1).mean()
+            ),
+        )
+
+    def check(self) -> None:
+        """Refuse arrays that do not fit together, or have a value that is not finite.
+
+        Raises:
+            ConfigError: If they do.
+        """
+        rows, hands = len(self.actions) + 1, self.hand_qpos
+        expected = (rows, NUM_FINGERS, 3)
+        if self.actions.ndim != 2 or self.actions.size == 0:
+            problem = f"actions have shape {self.actions.shape}: expected (T, n), T steps from 1"
+        elif self.qpos.ndim != 2 or len(self.qpos) != rows:
+            problem = f"qpos has shape {self.qpos.shape}: expected ({rows}, nq), a row more"
+        elif hands.ndim != 1 or hands.dtype.kind not in "iu" or not len(hands):
+            problem = f"hand_qpos is {hands}: expected indices of columns of qpos"
+        elif not 0 <= hands.min() <= hands.max() < self.qpos.shape[1]:
+            problem = f"hand_qpos is {hands}: expected indices of the {self.qpos.shape[1]} columns"
+        elif self.fingertips.shape != expected:
+            problem = f"fingertips have shape {self.fingertips.shape}: expected {expected}"
+        elif not all(np.isfinite(a).all() for a in (self.actions, self.qpos, self.fingertips)):
+            problem = "a value is not finite: expected numbers only"
+        else:
+            return
+        raise ConfigError(f"The motion of a take is unusable: {problem}.")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Take:
+    """One performance: what sounded, how everything moved, how good it was, who played, and where.
+
+    Takes are what roll-outs yield. One with a motion has a file, which :meth:`write` writes and
+    commands read in place of a player.
+    """
+
+    title: str = ""
+    """Title of the piece; empty if the environment is no piano."""
+    metrics: Mapping[str, float]
+    """``return``, ``length`` in steps and, of pianos, the music metrics and the sums of the
+    reward's weighted terms, by their names in ``info``."""
+    performance: Performance | None = None
+    """What sounded, beside what should have; ``None`` if the environment is no piano."""
+    motion: Motion | None = None
+    """How everything moved, likewise."""
+    scene_options: Mapping[str, Any] = field(default_factory=dict)
+    """Arguments of :func:`~sb3_piano.simulation.compile_scene` for where it was played."""
+    player: str = ""
+    """Who played, as the text of a :class:`~sb3_piano.players.PlayerSpec`."""
+    env: Mapping[str, Any] = field(default_factory=dict)
+    """Where: id, options and wrappers of the environment, in JSON's types."""
+    seed: int | None = None
+    """The seed of the roll-out."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    """Versions of the packages that played."""
+    written_score: Score | None = None
+    """The notes to be heard in place of those that were played, if there are any."""
+    judged: bool = True
+    """Whether pictures tell right from wrong: keys that sound, and the F1 so far."""
+
+    @functools.cached_property
+    def scene(self) -> PianoScene:
+        """The scene in which it was played."""
+        return compile_scene(**self.scene_options)
+
+    @functools.cached_property
+    def score(self) -> Score | None:
+        """The notes that are heard; ``None`` if no key was pressed."""
+        if self.written_score is not None or self.performance is None:
+            return self.written_score
+        return self.performance.to_score()
+
+    @property
+    def piano(self) -> Performance:
+        """The performance of a piano.
+
+        Raises:
+            RunError: If nothing of that kind was played.
+        """
+        if self.performance is None or self.motion is None:
+            raise RunError("This take is of no piano: expected one with a performance and motion.")
+        return self.performance
+
+    @property
+    def qpos(self) -> FloatArray:
+        """(t + 1, nq) joint positions at the start and after each control step, rad or m."""
+        assert self.motion is not None, "a piano's take has a motion"
+        return self.motion.qpos
+
+    @property
+    def period(self) -> float:
+        """Time from one picture to the next, s."""
+        return self.piano.roll.control_timestep
+
+    @property
+    def duration(self) -> float:
+        """Duration of its pictures, s."""
+        return len(self.qpos) * self.period
+
+    @property
+    def f1(self) -> float:
+        """F1 of the keys, step by step."""
+        return self.metrics["f1"]
+
+    @property
+    def onset_f1(self) -> float:
+        """F1 of the strikes, within 50 ms."""
+        return self.metrics["onset_f1"]
+
+    def save_midi(self, path: str | os.PathLike[str]) -> None:
+        """Write the notes as a MIDI file.
+
+        Raises:
+            RunError: If no key was pressed.
+            ScoreError: If the file cannot be written.
+        """
+        if self.score is None:
+            raise RunError("No key was pressed in this take: expected notes for a MIDI file.")
+        write_midi(self.score, path)
+
+    def save_wav(self, path: str | os.PathLike[str]) -> None:
+        """Write the sound, as loud as the keys were struck.
+
+        Raises:
+            ScoreError: If the file cannot be written.
+        """
+        write_wav(path, synthesize(self.score, at_least=self.duration))
+
+    def save_video(self, path: str | os.PathLike[str], picture: Picture = DEFAULT_PICTURE) -> None:
+        """Write a video with sound.
+
+        Raises:
+            RenderingError: If this machine cannot draw; the message says what to install.
+        """
+        with scratch_folder() as folder:
+            sound = Path(folder, "sound.wav")
+            self.save_wav(sound)
+            _write_video(self, Path(path), sound, picture, None)
+
+    def save_report(
+        self, path: str | os.PathLike[str], *, replay: bool = False, **about: Any
+    ) -> None:
+        """Write an HTML page of what was played; ``replay`` shows it in three dimensions, too.
+
+        Args:
+            path: The file.
+            replay: Whether to add the player of three dimensions.
+            **about: Fields of :class:`~sb3_piano.viewing.report.Report` that say more, such as
+                ``baseline`` and ``facts``.
+
+        Raises:
+            ConfigError: If the package was installed without the player of replays.
+        """
+        from sb3_piano.viewing.report import Report, report_html
+        from sb3_piano.viewing.report.replay import player_script, replay_of
+
+        script = player_script() if replay else None
+        shown = None
+        if script is not None:
+            shown = replay_of(self.scene, self.qpos, self.piano, self.metrics, script)
+        given = {"subtitle": f"{self.player} · seed {self.seed}", "facts": self._facts(), **about}
+        report = Report(performance=self.piano, metrics=self.metrics, replay=shown, **given)
+        write_text(Path(path), report_html(report))
+
+    def _facts(self) -> list[tuple[str, str]]:
+        versions = ", ".join(f"{name} {version}" for name, version in self.versions.items())
+        facts = {"Piece": self.title, "Environment": self.env.get("id"), "Player": self.player}
+        return [
+            *((name, str(fact)) for name, fact in facts.items() if fact),
+            ("Seed", str(self.seed)),
+            ("Played with", versions or "unknown"),
+        ]
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: who played how well, and the sound."""
+        with scratch_folder() as folder:
+            sound = Path(folder, "sound.wav")
+            self.save_wav(sound)
+            data = base64.b64encode(sound.read_bytes()).decode()
+        text = f"{self.title}, {self.player}: F1 {self.f1:.3f}, onset F1 {self.onset_f1:.3f}"
+        player = f'<audio controls src="data:audio/wav;base64,{data}"></audio>'
+        return f"<p>{html.escape(text)}</p>{player}"
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the take, in place of a file that is there.
+
+        Raises:
+            ConfigError: If the file cannot be written.
+        """
+        performance, motion, roll = self.piano, self.motion, self.piano.roll
+        own = ("title", "metrics", "scene_options", "player", "env", "seed", "versions")
+        header = {
+            "format": _FORMAT,
+            **{name: getattr(self, name) for name in own},
+            "control_timestep": roll.control_timestep,
+            "early_releases": [dataclasses.asdict(early) for early in roll.early_releases],
+        }
+        arrays = {f"performance_{name}": getattr(performance, name) for name in _OF_PERFORMANCE}
+        arrays |= {f"roll_{name}": getattr(roll, name) for name in _OF_ROLL}
+        arrays |= vars(motion)
+        text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+        write: Any = np.savez_compressed  # its stub takes the names of arrays for options
+        try:
+            write_atomically(Path(path), lambda file: write(file, header=text, **arrays))
+        except OSError as error:
+            raise ConfigError(
+                f"Cannot write '{path}': {error.strerror}; expected a file in a writable folder."
+            ) from error
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Take:
+        """Return the take of a file. One of version 0.2 has a title and the motion alone.
+
+        Raises:
+            ConfigError: If there is no such file, or it is no take.
+        """
+        if not os.path.isfile(path):
+            raise ConfigError(f"There is no take '{path}': expected an existing {SUFFIX} file.")
+        try:
+            arrays: dict[str, Any] = read_arrays(path, most=_MOST_BYTES)
+            motion = Motion(**{one.name: arrays[one.name] for one in dataclasses.fields(Motion)})
+            motion.check()
+            if "header" not in arrays:
+                if arrays["title"].ndim != 0 or arrays["title"].dtype.kind != "U":
+                    raise ValueError("its title is no text")
+                return cls(title=str(arrays["title"]), metrics={}, motion=motion)
+            header = json.loads(arrays["header"].tobytes())
+            return cls._of_file(header, arrays, motion)
+        except Exception as error:  # a damaged archive surfaces as whatever zipfile and NumPy raise
+            said = one_line(error).rstrip(".")
+            raise ConfigError(f"'{path}' is no take: {said}. {_EXPECTED}") from error
+
+    @classmethod
+    def _of_file(cls, header: dict[str, Any], arrays: Mapping[str, Any], motion: Motion) -> Take:
+        if header.pop("format") != _FORMAT:
+            raise ValueError("its format is of another version")
+        early = tuple(EarlyRelease(**one) for one in header.pop("early_releases"))
+        roll = PianoRoll(
+            control_timestep=header.pop("control_timestep"),
+            early_releases=early,
+            **{name: arrays[f"roll_{name}"] for name in _OF_ROLL},
+        )
+        performance = Performance(
+            roll=roll,
+            title=header["title"],
+            **{name: arrays[f"performance_{name}"] for name in _OF_PERFORMANCE},
+        )
+        steps, presses = len(motion.actions), len(performance.presses.key)
+        shapes = {"key_active": (steps, 88), "sustain": (steps,), "press_finger": (steps, 88)}
+        shapes |= dict.fromkeys(("strike_time", "strike_speed", "release_time"), (presses,))
+        for name, expected in shapes.items():
+            if (found := getattr(performance, name).shape) != expected:
+                raise ValueError(f"{name} has shape {found}, not {expected}")
+        options = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in header.pop("scene_options").items()
+        }
+        take = cls(performance=performance, motion=motion, scene_options=options, **header)
+        if take.qpos.shape[1] != take.scene.model.nq:
+            raise ValueError(f"its scene has {take.scene.model.nq} joints")
+        return take
+
 
 Progress = Callable[[int, int], object]
 """Called with the number of pictures drawn so far, and of all."""
@@ -68,7 +394,12 @@ def write_take(
     if take.player:
         take.write(whole)
     write_wav(wav, synthesize(take.score, at_least=take.duration))
-    problem = None if picture is None else _write_video(take, video, wav, picture, progress)
+    problem = None
+    if picture is not None:
+        try:
+            _write_video(take, video, wav, picture, progress)
+        except RenderingError as error:
+            problem = str(error)
     return Played(
         folder=base.parent,
         midi=None if take.score is None else midi,
@@ -95,13 +426,8 @@ def show_take(take: Take, *, view: View = "stage") -> None:
 
 def _write_video(
     take: Take, path: Path, audio: Path, picture: Picture, progress: Progress | None
-) -> str | None:
-    """Write the video, and return why it could not be written, if so."""
+) -> None:
     total, size = len(take.qpos), (picture.width, picture.height)
     tell = None if progress is None else lambda done: progress(done, total)
-    try:
-        with contextlib.closing(film(take, picture)) as frames:
-            write_video(path, frames, 1.0 / take.period, audio, size, progress=tell)
-    except RenderingError as error:
-        return str(error)
-    return None
+    with contextlib.closing(film(take, picture)) as frames:
+        write_video(path, frames, 1.0 / take.period, audio, size, progress=tell)

@@ -60,7 +60,7 @@ def test_the_network_of_a_shared_run_plays_another_piece_by_every_command(shared
     play = ["play", "tune.mid", *weights, "--physics", "fast", "--no-video"]
     assert main(play) == 0
     assert "Read in 0." in capsys.readouterr().out
-    assert Path("play/tune-sight-reader/performance.wav").is_file()
+    assert (Path("play") / "tune-sight-reader-modelshared" / "performance.wav").is_file()
     file = shared / "hand.safetensors"
     for player in (f"sight-reader:model={shared}", str(file)):
         with OpenPlayer.open(player, score="tune.mid", physics="fast") as opened:

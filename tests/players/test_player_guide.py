@@ -164,6 +164,6 @@ def test_runs_of_players_and_pieces_look_ahead_too(tmp_path, capsys, monkeypatch
     assert found.tree.children == 2
     arguments = ["play", "tune.mid", "--tree", "2x1"]
     assert main([*arguments, "--physics", "fast", "--no-video", "--no-progress"]) == 0
-    assert (tmp_path / "play").iterdir().__next__().name.endswith("-sight-reader-tree")
+    assert (tmp_path / "play").iterdir().__next__().name.endswith("-sight-reader-tree2x1")
     assert main([*arguments, "--player", "score"]) == 2
     assert "--tree cannot be given with --player score" in capsys.readouterr().err

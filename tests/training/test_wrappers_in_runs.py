@@ -21,7 +21,6 @@ from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.take import Take
 from sb3_piano.training import (
     OpenPlayer,
     RunFolder,
@@ -32,6 +31,7 @@ from sb3_piano.training import (
     write_report,
 )
 from sb3_piano.training.runs.builders import build_model, build_vec_env
+from sb3_piano.viewing.take import Take
 
 ENV_ID = "RoboPianist-v0"
 ROOM = "sb3_piano.wrappers"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,13 @@ from sb3_piano.music import Score, load_score
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.players import PlayerSpec
-from sb3_piano.take import Take
 from sb3_piano.training.playing.player import OpenPlayer, Source
 from sb3_piano.training.playing.takes import default_folder, folder_of
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.provenance import provenance
-from sb3_piano.viewing.report import Curve, Report, report_html, score_html
-from sb3_piano.viewing.report.replay import player_script, replay_of
+from sb3_piano.viewing.report import Curve, score_html
+from sb3_piano.viewing.report.replay import player_script
+from sb3_piano.viewing.take import Take
 
 Texts = list[tuple[str, str]]
 
@@ -51,7 +52,8 @@ def write_report(
     Raises:
         ConfigError: If the package was installed without the player of replays.
     """
-    script = player_script() if replay else None  # what is missing is told before anything plays
+    if replay:
+        player_script()  # what is missing is told before anything plays
     with OpenPlayer.open(player, seed=seed, physics=physics, score=score, best=best) as opened:
         if not isinstance(opened.env, PianoEnv):
             raise RunError(
@@ -60,23 +62,21 @@ def write_report(
             )
         (take,), baseline = opened.play(), opened.rest()
         given = {"--physics": physics, "--best": best, "--score": _text_of(score)}
-        facts, commands = _origin(opened, opened.piano.config.physics, seed, given, replay)
         where = take.scene_options["physics"]
+        facts, commands = _origin(opened, where, seed, given, replay)
         trained = f" after {opened.num_timesteps:,} steps of training" if opened.run else ""
-        report = _report(
-            take,
-            f"{opened.algo.upper()}{trained} · {where} physics · seed {seed}",
-            facts,
-            commands,
-            script,
-        )
-        if baseline is not None:
-            report = dataclasses.replace(report, baseline=baseline.metrics)
-        if opened.run is not None:
-            report = dataclasses.replace(report, curves=training_curves(opened.run))
+        about = {
+            "subtitle": f"{opened.algo.upper()}{trained} · {where} physics · seed {seed}",
+            "facts": facts,
+            "commands": commands,
+            "baseline": None if baseline is None else baseline.metrics,
+            "curves": {} if opened.run is None else training_curves(opened.run),
+        }
         own = default_folder(opened, None) if opened.run is None else opened.run.evaluation_dir
     path = own / "report.html" if out is None else Path(out)
-    return _write(path, report_html(report), own_folder=out is None)
+    with _writing(path, own_folder=out is None):
+        take.save_report(path, replay=replay, **about)
+    return path
 
 
 def write_take_report(
@@ -91,35 +91,12 @@ def write_take_report(
         ConfigError: If it is no take, or the package was installed without the player of replays.
         RunError: If the take has a motion alone, as files of version 0.2 have.
     """
-    script, take = player_script() if replay else None, Take.read(file)
-    facts = [
-        ("Piece", take.title),
-        ("Environment", str(take.env.get("id"))),
-        ("Player", take.player),
-        ("Seed", str(take.seed)),
-        ("Played with", _versions(take.versions)),
-    ]
+    take = Take.read(file)
     again = ["sb3-piano", "report", os.fspath(file), *(["--3d"] if replay else [])]
-    text = f"{take.player} · seed {take.seed}"
-    report = _report(take, text, facts, [("This report", shlex.join(again))], script)
     path = folder_of(take) / "report.html" if out is None else Path(out)
-    return _write(path, report_html(report), own_folder=out is None)
-
-
-def _report(take: Take, subtitle: str, facts: Texts, commands: Texts, script: str | None) -> Report:
-    performance, replay = take.piano, None
-    if script is not None:
-        replay = replay_of(take.scene, take.qpos, performance, take.metrics, script)
-    return Report(
-        performance=performance,
-        metrics=take.metrics,
-        baseline=None,
-        curves={},
-        subtitle=subtitle,
-        facts=facts,
-        commands=commands,
-        replay=replay,
-    )
+    with _writing(path, own_folder=out is None):
+        take.save_report(path, replay=replay, commands=[("This report", shlex.join(again))])
+    return path
 
 
 def _text_of(score: Source | None) -> str | None:
@@ -145,21 +122,23 @@ def write_piece_report(name: str, out: str | os.PathLike[str] | None = None) -> 
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         facts.append((feature.replace("_", " ").capitalize(), text))
     path = default_folder(None, score) / "piano_roll.html" if out is None else Path(out)
-    return _write(path, score_html(score, facts), own_folder=out is None)
+    with _writing(path, own_folder=out is None):
+        write_text(path, score_html(score, facts))
+    return path
 
 
-def _write(path: Path, html: str, *, own_folder: bool) -> Path:
-    """Write a page, whole or not at all, and return where it is."""
+@contextlib.contextmanager
+def _writing(path: Path, *, own_folder: bool) -> Iterator[None]:
+    """Make the folder of a page that is written, whole or not at all."""
     try:
         if own_folder:
             make_folder(path.parent)
-        write_text(path, html)
+        yield
     except OSError as error:
         raise RunError(
             f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
             "there."
         ) from error
-    return path
 
 
 def training_curves(run: RunFolder) -> dict[str, Curve]:

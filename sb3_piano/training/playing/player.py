@@ -26,7 +26,6 @@ from sb3_piano.music.catalogue import is_path
 from sb3_piano.players import HandModel, Player, PlayerSpec, Transition, TreeSearch, rollout
 from sb3_piano.players.hand_model import SIGHT_READER, network_file
 from sb3_piano.settings import Count, Index, checked
-from sb3_piano.take import Take
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import BASE, EnvSpec
@@ -40,6 +39,7 @@ from sb3_piano.training.runs.saved import (
     model_files,
     pack_weights,
 )
+from sb3_piano.viewing.take import Take
 from sb3_piano.wrappers import HandActions
 from sb3_piano.wrappers.residual import Residual
 from sb3_piano.wrappers.score_wrapper import possible_scores

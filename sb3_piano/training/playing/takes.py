@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,15 +24,15 @@ from sb3_piano.planning import PlanSettings, Refinement
 from sb3_piano.planning.plan_file import save_plan, settings_of_plan
 from sb3_piano.planning.refinement import OnStep
 from sb3_piano.players import PlayerSpec
+from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.players.policy import roll_with_fingers
 from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import compile_scene
-from sb3_piano.take import Motion, Take
 from sb3_piano.training.configuration.env_spec import EnvSpec
-from sb3_piano.training.playing.player import OpenPlayer, Source
+from sb3_piano.training.playing.player import OpenPlayer, Source, stage_for
 from sb3_piano.viewing import Picture, write_take
-from sb3_piano.viewing.take import Played, Progress
+from sb3_piano.viewing.take import Motion, Played, Progress, Take
 from sb3_piano.viewing.views import DEFAULT_PICTURE
 
 FILE_NAME = "performance"
@@ -98,6 +98,39 @@ def play_score(
     piece = load_score(score)
     folder = default_folder(None, piece) if out is None else Path(out)
     return write_take(take_of_score(piece, physics=physics), folder / FILE_NAME, picture, progress)
+
+
+def play(
+    score: Source,
+    player: PlayerSpec | str | os.PathLike[str] = SIGHT_READER,
+    *,
+    seed: int = 0,
+    **options: Any,
+) -> Take:
+    """Let a player play a piece, and return what it made of it.
+
+    ::
+
+        take = sb3_piano.play("my.mid")
+        print(take.f1, take.onset_f1)
+        take.save_video("my.mp4")
+
+    Args:
+        score: A file such as MIDI, the name of a piece, or a score.
+        player: Who plays, see :class:`~sb3_piano.players.PlayerSpec`.
+        seed: Seeds environment and player.
+        **options: Options of the environment, such as ``physics="fast"``; of a run only that one.
+
+    Raises:
+        ConfigError: If there is no such player, or an option is not valid.
+        RunError: If a run cannot play the piece.
+        ScoreError: If the score cannot be read.
+    """
+    spec = player if isinstance(player, PlayerSpec) else PlayerSpec.parse(player)
+    stage = None if spec.is_run else stage_for(score, **options)
+    given = {"score": score, **options} if spec.is_run else {}
+    with OpenPlayer.open(spec, stage, seed=seed, **given) as opened:
+        return take_of(opened)
 
 
 def default_folder(player: OpenPlayer | None, score: Score | None) -> Path:

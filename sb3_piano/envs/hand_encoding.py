@@ -16,8 +16,7 @@ from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIN_PITCH,
 from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
-from sb3_piano.reading.arms import bounds_of
-from sb3_piano.reading.piece import HandReading
+from sb3_piano.reading.piece import HandReading, bounds_of
 from sb3_piano.reading.presses import TimedPress
 from sb3_piano.simulation import PianoScene, Simulation
 from sb3_piano.simulation.scene import SIDES

@@ -17,8 +17,8 @@ from sb3_piano.planning.least_squares import HandProblem, Smoothness
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.side_by_side import Talk, in_turns, in_two_processes
 from sb3_piano.planning.tracking_control import TrackingControl
-from sb3_piano.reading.arms import bounds_of
 from sb3_piano.reading.key_frames import KeyFrames
+from sb3_piano.reading.piece import bounds_of
 from sb3_piano.reading.presses import TimedPress
 
 _MANY_STRETCHES = 4  # from so many on, a second process is worth the seconds that it takes to start

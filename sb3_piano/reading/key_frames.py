@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,106 +87,65 @@ def key_frames(
         hover: Height over a key of a finger that will soon play it, m.
         hold_depth: Depth of a key while it is down, a share of its travel.
     """
-    arrays = _FrameArrays(n_states)
-    held = _held_places(timed, sign, n_states)
-    mixed = _mixed(timed)
-    last = [0] * FINGERS_PER_HAND  # until when each finger holds its note before
-    for index, one in enumerate(timed):
-        finger = one.press.finger
-        place = hand_place(one.press.key, finger, sign)
-        x = press_x(one.press.key, finger, mixed[index])
-        goal = _Goal(one, x, float(radius[finger]), keys, hover, hold_depth)
-        start = max(last[finger] + 2, one.first - _HOVER_STATES)
-        free = {
-            state: _is_free(held[state], finger, place)
-            for state in range(max(start, 0), min(one.first - 1, n_states))
-        }
-        goal.write(arrays, start, free)
-        last[finger] = max(last[finger], one.last)
-    return KeyFrames(arrays.target, arrays.weight, arrays.on_black, arrays.to_black)
-
-
-class _FrameArrays:
-    """Arrays of targets while they are filled."""
-
-    def __init__(self, n_states: int):
-        self.n_states = n_states
-        self.target = np.zeros((n_states, FINGERS_PER_HAND, 3))
-        self.weight = np.zeros((n_states, FINGERS_PER_HAND, 3))
-        self.on_black = np.zeros((n_states, FINGERS_PER_HAND), dtype=bool)
-        self.to_black = np.zeros((n_states, FINGERS_PER_HAND), dtype=bool)
-        self._rank = np.zeros((n_states, FINGERS_PER_HAND), dtype=int)
-
-    def put(
-        self, state: int, finger: int, rank: int, target: FloatArray, weight: FloatArray
-    ) -> None:
-        """Write a target, unless something more important is there."""
-        if 0 < state < self.n_states and rank >= self._rank[state, finger]:
-            self.target[state, finger] = target
-            self.weight[state, finger] = weight
-            self._rank[state, finger] = rank
-
-
-@dataclass(frozen=True)
-class _Goal:
-    """One press, and how a finger comes to it and leaves it."""
-
-    one: TimedPress
-    x: float
-    radius: float
-    keys: KeyPlaces
-    hover: float
-    hold_depth: float
-
-    def write(self, arrays: _FrameArrays, start: int, free: dict[int, bool]) -> None:
-        """Write the targets, from state ``start`` on where the hand is near enough (``free``)."""
-        one, finger = self.one, self.one.press.finger
-        black = bool(KEY_IS_BLACK[one.press.key])
-        full = _WEIGHT_BLACK if black else _WEIGHT
-        strike = one.first - 1  # the state before the key is down
-        for state in range(max(start, 0), strike - 1):
-            near = 1 - (strike - state) / _HOVER_STATES
-            share = max(_LEAST_HOVER_SHARE, near**3)
-            if free.get(state, False):
-                arrays.put(state, finger, _HOVER, self._at(0.0, self.hover), full * share)
-        if free.get(strike - 1, False):
-            place = self._at(_LIFT_DEPTH)
-            arrays.put(strike - 1, finger, _LIFT, place, full * _LIFT_SHARE)
-        ready = _LEAP_READY_DEPTH if one.leapt else _READY_DEPTH
-        arrays.put(strike, finger, _READY, self._at(ready), full * _READY_SHARE)
-        for state in range(one.first, one.last + 1):
-            arrays.put(state, finger, _HOLD, self._at(self.hold_depth), full)
-        depth = _LEAP_RELEASE_DEPTH if one.leaps else _RELEASE_DEPTH
-        if one.repeated:
-            depth = _REPEAT_DEPTH
-        share_of = _LEAP_RELEASE_SHARE if one.leaps else _RELEASE_SHARE
-        arrays.put(one.last + 1, finger, _RELEASE, self._at(depth), full * share_of)
-        if black:
-            arrays.to_black[max(one.first - _HOVER_STATES, 0) : one.last + 2, finger] = True
-            arrays.on_black[max(strike, 0) : one.last + 1, finger] = True
-
-    def _at(self, depth: float, above: float = 0.0) -> FloatArray:
-        """Return where the fingertip is when the key is at a depth."""
-        key = self.one.press.key
-        height = self.keys.height(key, self.x, depth) + self.radius + above
-        return np.array([self.x, self.keys.y[key], height])
-
-
-def _held_places(
-    timed: Sequence[TimedPress], sign: int, n_states: int
-) -> list[list[tuple[int, float]]]:
-    """Return for each state which fingers hold keys, and where that wants the hand to be."""
+    shape = (n_states, FINGERS_PER_HAND)
+    frames = KeyFrames(
+        target=np.zeros((*shape, 3)),
+        weight=np.zeros((*shape, 3)),
+        on_black=np.zeros(shape, dtype=bool),
+        to_black=np.zeros(shape, dtype=bool),
+    )
+    rank = np.zeros(shape, dtype=int)
+    places = [hand_place(one.press.key, one.press.finger, sign) for one in timed]
+    # In each state, the fingers that hold keys, and where that wants the hand to be.
     held: list[list[tuple[int, float]]] = [[] for _ in range(n_states)]
-    for one in timed:
-        place = hand_place(one.press.key, one.press.finger, sign)
+    for one, place in zip(timed, places, strict=True):
         for state in range(one.first, min(one.last + 1, n_states)):
             held[state].append((one.press.finger, place))
-    return held
+    last = [0] * FINGERS_PER_HAND  # until when each finger holds its note before
+    for one, place, mixed in zip(timed, places, _mixed(timed), strict=True):
+        key, finger = one.press.key, one.press.finger
+        start = max(last[finger] + 2, one.first - _HOVER_STATES, 0)
+        last[finger] = max(last[finger], one.last)
+        free = [  # where no other finger holds the hand too far away
+            state
+            for state in range(start, min(one.first - 1, n_states))
+            if all(abs(place - at) <= _REACH for other, at in held[state] if other != finger)
+        ]
+        x = press_x(key, finger, mixed)
+        full = _WEIGHT_BLACK if KEY_IS_BLACK[key] else _WEIGHT
+        for state, level, depth, above, share in _targets(one, free, hover, hold_depth):
+            if 0 < state < n_states and level >= rank[state, finger]:
+                height = keys.height(key, x, depth) + float(radius[finger]) + above
+                frames.target[state, finger] = x, keys.y[key], height
+                frames.weight[state, finger] = full * share
+                rank[state, finger] = level
+        if KEY_IS_BLACK[key]:
+            frames.to_black[max(one.first - _HOVER_STATES, 0) : one.last + 2, finger] = True
+            frames.on_black[max(one.first - 1, 0) : one.last + 1, finger] = True
+    return frames
 
 
-def _is_free(held: list[tuple[int, float]], finger: int, place: float) -> bool:
-    """Return whether no other finger holds the hand too far away from a place."""
-    return all(abs(place - there) <= _REACH for other, there in held if other != finger)
+def _targets(
+    one: TimedPress, free: Sequence[int], hover: float, hold_depth: float
+) -> Iterator[tuple[int, int, float, float, FloatArray | float]]:
+    """Yield how a finger comes to its key and leaves it, as far as the hand is near (``free``).
+
+    Yields:
+        State, rank, depth of the key, height over that, m, and how much it counts.
+    """
+    strike = one.first - 1  # the state before the key is down
+    for state in free:
+        if state < strike - 1:
+            near = 1 - (strike - state) / _HOVER_STATES
+            yield state, _HOVER, 0.0, hover, max(_LEAST_HOVER_SHARE, near**3)
+        else:
+            yield state, _LIFT, _LIFT_DEPTH, 0.0, _LIFT_SHARE
+    yield strike, _READY, _LEAP_READY_DEPTH if one.leapt else _READY_DEPTH, 0.0, _READY_SHARE
+    for state in range(one.first, one.last + 1):
+        yield state, _HOLD, hold_depth, 0.0, 1.0
+    depth = _LEAP_RELEASE_DEPTH if one.leaps else _RELEASE_DEPTH
+    share = _LEAP_RELEASE_SHARE if one.leaps else _RELEASE_SHARE
+    yield one.last + 1, _RELEASE, _REPEAT_DEPTH if one.repeated else depth, 0.0, share
 
 
 def _mixed(timed: Sequence[TimedPress]) -> list[bool]:
@@ -194,8 +153,5 @@ def _mixed(timed: Sequence[TimedPress]) -> list[bool]:
     first = np.array([one.press.first for one in timed], dtype=int)
     last = np.array([one.press.last for one in timed], dtype=int)
     black = np.array([bool(KEY_IS_BLACK[one.press.key]) for one in timed], dtype=bool)
-    result = []
-    for index in range(len(timed)):
-        near = (first <= last[index] + _MIXED_STATES) & (last >= first[index] - _MIXED_STATES)
-        result.append(bool((near & (black != black[index])).any()))
-    return result
+    near = (first <= last[:, None] + _MIXED_STATES) & (last >= first[:, None] - _MIXED_STATES)
+    return np.asarray((near & (black != black[:, None])).any(axis=1)).tolist()

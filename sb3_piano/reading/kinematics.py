@@ -27,15 +27,6 @@ _Ways = tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class _Joint:
-    """A joint, and how it moves what comes after it."""
-
-    slides: bool
-    axis: _Ways
-    """In the body's frame; of a hinge, see `_Link`, that is the third axis."""
-
-
-@dataclass(frozen=True, eq=False)
 class _Link:
     """A body with its place in its parent, both numbered within the chain.
 
@@ -101,22 +92,33 @@ class HandKinematics:
         """(n,) upper ends."""
         self.joint_ids = scene.joints[place]
         """(m,) the hand's joints among all of the model."""
-        self._actuator_of_joint = _moves(scene, place, self.actuators)
-        self.joint_of_actuator = _coupling(self._actuator_of_joint)
-        """(m, n) joint positions by actuator positions."""
+        number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
+        moves = scene.actuator_of_joint[np.ix_(self.actuators, number == place)]
+        self._actuator_of_joint = np.asarray(moves)
+        self.joint_of_actuator = np.ascontiguousarray(
+            (moves / (moves * moves).sum(axis=1, keepdims=True)).T
+        )
+        """(m, n) joint positions by actuator positions; the joints of a tendon share its way."""
         names = [model.actuator(int(i)).name.rpartition("/")[2] for i in self.actuators]
         self.names = tuple(name.removeprefix("rh_A_").removeprefix("lh_A_") for name in names)
         """Short names of the actuators: ``"WRJ2"`` ... ``"forearm_ty"``."""
         self.sign = 1 if hand == 0 else -1
         """1 for the right hand, whose little finger is farthest along y; -1 for the left one."""
-        self.radius = np.empty(FINGERS_PER_HAND)
-        """(5,) radius of each fingertip, m."""
-        self._joints = [_joint(model, int(j)) for j in self.joint_ids]
+        assert not model.jnt_pos[self.joint_ids].any(), "joints are at their bodies' origins"
+        sliders = model.jnt_type[self.joint_ids] == int(mujoco.mjtJoint.mjJNT_SLIDE)
+        self._slides = {
+            int(j): _ways(model.jnt_axis[self.joint_ids[j]]) for j in np.flatnonzero(sliders)
+        }
+        """The axes of the sliders in their bodies' frames; of a hinge, see `_Link`, it is the third
+        one."""
         actuators = np.abs(self.joint_of_actuator).argmax(axis=1).tolist()
         self._actuator = [(a, float(self.joint_of_actuator[j, a])) for j, a in enumerate(actuators)]
         """The actuator that moves each joint, and how far."""
         tips = slice(place * FINGERS_PER_HAND, (place + 1) * FINGERS_PER_HAND)
-        self._build_chains(model, scene.fingertip_geom[tips])
+        geoms = scene.fingertip_geom[tips]
+        self.radius = model.geom_size[geoms, 0].copy()
+        """(5,) radius of each fingertip, m."""
+        self._build_chains(model, geoms)
         self._bends = self._find_bends()
         self._place_arm(scene)
         self.middle = float(self.arm(np.zeros((1, self.size)))[0])
@@ -154,7 +156,7 @@ class HandKinematics:
         for finger, joints in enumerate(self._joints_above):
             for j in joints:
                 x, y, z = axis = axes[j]
-                if self._joints[j].slides:
+                if j in self._slides:
                     slope = axis
                 else:
                     right, up, out = tips[finger] - places[self._link_of_joint[j]]
@@ -225,19 +227,13 @@ class HandKinematics:
                     rows = columns.reshape(3, -1)
                     columns = (link.rotation.T @ rows).reshape(columns.shape)
             for j in link.joints:
-                joint = self._joints[j]
-                if joint.slides:
-                    axes[j] = _moved(np.zeros_like(place), columns, joint.axis)
+                if j in self._slides:
+                    axes[j] = _moved(np.zeros_like(place), columns, self._slides[j])
                     place = place + angles[j] * axes[j]
                 else:
                     one, other, axes[j] = columns
-                    columns = np.stack(
-                        [
-                            cosines[j] * one + sines[j] * other,
-                            cosines[j] * other - sines[j] * one,
-                            axes[j],
-                        ]
-                    )
+                    turned = cosines[j] * one + sines[j] * other
+                    columns = np.stack([turned, cosines[j] * other - sines[j] * one, axes[j]])
             places.append(place)
             frames.append(columns)
         return axes, places, frames
@@ -280,7 +276,6 @@ class HandKinematics:
             _ways(_turn(model, body).T @ (model.geom_pos[g] + _axis(model, int(g)) * along))
             for g, along, body in zip(geoms, self.tip_along, tip_bodies, strict=True)
         ]
-        self.radius[:] = model.geom_size[geoms, 0]
 
 
 def both_hands(scene: PianoScene) -> tuple[HandKinematics, HandKinematics]:
@@ -293,23 +288,6 @@ def both_hands(scene: PianoScene) -> tuple[HandKinematics, HandKinematics]:
         for hand, name in enumerate(SIDES)
     )
     return right, left
-
-
-def _moves(scene: PianoScene, place: int, actuators: IntArray) -> FloatArray:
-    """Return which actuator of a hand follows which joint, (n, m)."""
-    number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
-    return np.asarray(scene.actuator_of_joint[np.ix_(actuators, number == place)])
-
-
-def _coupling(moves: FloatArray) -> FloatArray:
-    """Return which joint follows which actuator, (m, n); the joints of a tendon share its way."""
-    return np.ascontiguousarray((moves / (moves * moves).sum(axis=1, keepdims=True)).T)
-
-
-def _joint(model: mujoco.MjModel, joint: int) -> _Joint:
-    slides = bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
-    assert not model.jnt_pos[joint].any(), "the hands' joints are at their bodies' origins"
-    return _Joint(slides, _ways(model.jnt_axis[joint]))
 
 
 def _turn(model: mujoco.MjModel, body: int) -> FloatArray:

@@ -94,14 +94,10 @@ def _neighbours(presses: Sequence[Press]) -> list[tuple[int, int]]:
     recent: list[int] = []
     for later, press in enumerate(presses):
         recent = [i for i in recent if press.first - presses[i].last - 1 <= LEAP_REST]
+        strikes = bisect.bisect_left(onsets, press.first)
         for earlier in recent:
-            before = presses[earlier]
-            if before.last < press.first and not _any_between(onsets, before.last, press.first):
+            end = presses[earlier].last
+            if end < press.first and bisect.bisect_right(onsets, end) >= strikes:
                 pairs.append((later, earlier))
         recent.append(later)
     return pairs
-
-
-def _any_between(onsets: list[int], low: int, high: int) -> bool:
-    """Return whether a note begins after ``low`` and before ``high``."""
-    return bisect.bisect_right(onsets, low) < bisect.bisect_left(onsets, high)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_piano.reading.arms import bounds_of, dividing_line
+from sb3_piano.reading.piece import bounds_of, dividing_line
 
 APART = 0.16  # m
 

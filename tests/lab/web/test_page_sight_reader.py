@@ -19,7 +19,7 @@ from sb3_piano.players import SightReader
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.players.policy import roll_with_fingers
 from sb3_piano.reading import KeyPlaces, both_hands, read_piece
-from sb3_piano.reading.arms import bounds_of
+from sb3_piano.reading.piece import bounds_of
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.player import PLANNED_IN
 

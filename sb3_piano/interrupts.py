@@ -99,16 +99,6 @@ def ctrl_c_deferred() -> Iterator[None]:
         signal.raise_signal(came[0])
 
 
-@contextlib.contextmanager
-def ctrl_c_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C and a closed terminal, also in processes that are started now.
-
-    These do until they have their own handlers.
-    """
-    with _handlers(dict.fromkeys(OF_TERMINAL, signal.SIG_IGN)):
-        yield
-
-
 def leave_to_parent() -> None:
     """Ignore Ctrl-C and a closed terminal in this process: the one that started it answers them.
 

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from sb3_piano.interrupts import ctrl_c_deferred, ctrl_c_ignored, ended_as_by_ctrl_c, stop_on_signal
+from sb3_piano.interrupts import ctrl_c_deferred, ended_as_by_ctrl_c, stop_on_signal
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -47,15 +47,13 @@ def test_ctrl_c_is_put_off_to_the_end_of_a_block_or_ignored(ctrl_c):
     with pytest.raises(KeyboardInterrupt):
         work()
     assert done == ["all of it"]
-    with ctrl_c_ignored():
-        signal.raise_signal(signal.SIGINT)
 
 
 def test_outside_the_main_thread_nothing_is_changed(ctrl_c):
     seen = []
 
     def work():
-        with ctrl_c_deferred(), ctrl_c_ignored(), stop_on_signal() as inner:
+        with ctrl_c_deferred(), stop_on_signal() as inner:
             seen.append(inner)
 
     with stop_on_signal() as request:

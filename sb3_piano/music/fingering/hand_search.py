@@ -6,9 +6,9 @@ hands; the cheapest are followed. Time and memory grow with the number of onsets
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -35,45 +35,79 @@ class Chord:
     left_holds: BoolArray
     """(ways, held) which of these it holds."""
 
-    def of_hand(self, hand: int) -> tuple[BoolArray, BoolArray]:
-        """Return what the right (0) or the left hand (1) strikes and holds; see above."""
-        if hand:
-            return self.left_takes, self.left_holds
-        return ~self.left_takes, ~self.left_holds
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Part:
+    """What one hand, 0 (right) or 1 (left), strikes and holds in each way and option.
 
-class CostModel(Protocol):
-    """What hands cost.
-
-    What it has to know of a hand's past is ``size`` numbers, its *state*.
+    The left hand's places are turned upside down: in both parts the thumb's side is the low one.
     """
 
-    @property
-    def start(self) -> FloatArray:
-        """(size,) the state of a hand that has not played yet."""
+    hand: int
+    sign: float
+    chord: Chord
+    takes: BoolArray
+    """(options, struck) which notes it strikes."""
+    low: FloatArray
+    """(options,) the least place that it strikes, 0 if none."""
+    high: FloatArray
+    """(options,) the greatest one."""
+    whole: FloatArray
+    """(ways, options) the width of what it strikes and holds."""
+    count: IntArray
+    """(options,) how many notes it strikes."""
+    held: IntArray
+    """(ways, 1) how many it holds."""
 
+
+class HandCosts(ABC):
+    """What hands cost. What has to be known of a hand's past is ``size`` numbers, its *state*."""
+
+    start: FloatArray
+    """(size,) the state of a hand that has not played yet."""
+
+    @abstractmethod
     def options(self, struck: Sequence[Note]) -> BoolArray:
         """Return the ways to share notes that are struck together: (options, struck), if left."""
 
+    @abstractmethod
+    def place(self, note: Note) -> float:
+        """Return where on the keyboard a note is, from the left."""
+
+    @abstractmethod
+    def cost_of(self, states: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
+        """Return what a hand's part costs, and its state then; as in `costs`, of one hand."""
+
     def costs(self, states: FloatArray, chord: Chord) -> tuple[FloatArray, FloatArray]:
-        """Return what a chord costs, and what is then to be known.
+        """Return what a chord costs, (ways, options), and the states of both hands then.
 
-        Args:
-            states: (ways, 2, size) states of both hands.
-            chord: What is struck.
-
-        Returns:
-            (ways, options); (ways, options, 2, size) states, of hands that strike nothing, too.
+        These are (ways, options, 2, size); ``states`` before are (ways, 2, size).
         """
+        keys, held = (
+            np.array([self.place(note) for note in notes], dtype=float)
+            for notes in (chord.struck, chord.held)
+        )
+        cost = np.zeros((len(states), len(chord.left_takes)))
+        after = np.repeat(states[:, None], len(chord.left_takes), axis=1)
+        for hand, sign in ((0, 1.0), (1, -1.0)):
+            # With ^ they are the left hand's, or all others.
+            takes, holds = chord.left_takes ^ (not hand), chord.left_holds ^ (not hand)
+            plays = takes.any(axis=1)
+            low, high = np.where(plays, _extent(sign * keys, takes), 0.0)
+            # Infinite where a hand holds nothing: then it is as wide as what it strikes.
+            held_low, held_high = (place[:, None] for place in _extent(sign * held, holds))
+            whole = np.maximum(high, held_high) - np.minimum(low, held_low)
+            counts = takes.sum(axis=1), holds.sum(axis=1, keepdims=True)
+            added, now = self.cost_of(
+                states, Part(hand, sign, chord, takes, low, high, whole, *counts)
+            )
+            cost += np.where(plays, added, 0.0)
+            after[..., hand, :] = np.where(plays[:, None], now, after[..., hand, :])
+        return cost, after
 
 
-def search(notes: Sequence[Note], model: CostModel) -> list[Hand]:
-    """Return the hand of each note.
-
-    Args:
-        notes: The notes, by onset.
-        model: What hands cost.
-    """
+def search(notes: Sequence[Note], model: HandCosts) -> list[Hand]:
+    """Return the hand of each note; they are sorted by onset."""
     cost = np.zeros(1)
     states = np.tile(model.start, (1, 2, 1))
     left_holds = np.zeros((1, 0), dtype=bool)
@@ -136,7 +170,7 @@ def lowest_left(struck: Sequence[Note]) -> BoolArray:
     return np.arange(len(struck))[None, :] < np.append(firsts, len(struck))[:, None]
 
 
-def extent(places: FloatArray, chosen: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _extent(places: FloatArray, chosen: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return the least and the greatest chosen place of each row; infinity and less if none is."""
     low = np.where(chosen, places, np.inf).min(1, initial=np.inf)
     high = np.where(chosen, places, -np.inf).max(1, initial=-np.inf)

@@ -19,12 +19,7 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
-from sb3_piano.music.fingering.hand_search import (
-    Chord,
-    extent,
-    lowest_left,
-    search,
-)
+from sb3_piano.music.fingering.hand_search import Chord, HandCosts, Part, lowest_left, search
 from sb3_piano.music.fingering.robot import (
     ARMS_APART,
     KEY_SPACING,
@@ -73,40 +68,34 @@ def robot_hands(score: Score, control_timestep: float) -> Score:
 
 
 @dataclass(frozen=True)
-class _Robot:
-    """Costs of the simulated hands: a `CostModel`."""
+class _Robot(HandCosts):
+    """Costs of the simulated hands."""
 
     control_timestep: float
-
-    @property
-    def start(self) -> FloatArray:
-        return np.array([-np.inf, np.inf, -np.inf])
+    start = np.array([-np.inf, np.inf, -np.inf])
 
     def options(self, struck: Sequence[Note]) -> BoolArray:
         return np.unique(np.vstack([lowest_left(struck), _written(struck)]), axis=0)
 
+    def place(self, note: Note) -> float:
+        return float(KEY_Y[note.key])
+
     def costs(self, states: FloatArray, chord: Chord) -> tuple[FloatArray, FloatArray]:
-        step = self.control_timestep
-        onset, end = chord.onset / step, max(note.offset for note in chord.struck) / step
-        keys = np.array([KEY_Y[note.key] for note in chord.struck])
-        held = np.array([KEY_Y[note.key] for note in chord.held])
+        cost, after = super().costs(states, chord)
         changed = (chord.left_takes != _written(chord.struck)).sum(axis=1)
-        cost = np.repeat(_CHANGE * changed[None, :], len(states), axis=0)
-        after = np.repeat(states[:, None], len(chord.left_takes), axis=1)
-        for hand, sign in ((0, 1.0), (1, -1.0)):
-            takes, holds = chord.of_hand(hand)
-            plays = takes.any(axis=1)
-            low, high = np.where(plays, extent(sign * keys, takes), 0.0)
-            place, leap = _places(states[:, hand], low, high, onset)
-            part = _grip(low, high, takes.sum(axis=1), sign * held, holds) + leap
-            cost += np.where(plays, part, 0.0)
-            now = np.concatenate([place, np.full((*place.shape[:2], 1), end)], axis=-1)
-            after[:, plays, hand] = now[:, plays]
         # How far the right hand can be from the left one, whose places are seen in the mirror.
         apart = after[..., _HIGH].sum(axis=-1)
+        onset = chord.onset / self.control_timestep
         near = (onset - after[..., _END] <= _ARM_STEPS).all(axis=-1)
         missing = np.clip(ARMS_APART - apart, 0, _NEAR_MOST) / _NEAR_UNIT
-        return cost + np.where(near, _TOO_NEAR * missing, 0.0), after
+        return cost + _CHANGE * changed + np.where(near, _TOO_NEAR * missing, 0.0), after
+
+    def cost_of(self, states: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
+        onset = part.chord.onset / self.control_timestep
+        end = max(note.offset for note in part.chord.struck) / self.control_timestep
+        place, leap = _places(states[:, part.hand], part.low, part.high, onset)
+        now = np.concatenate([place, np.full((*place.shape[:2], 1), end)], axis=-1)
+        return _grip(part) + leap, now
 
 
 def _written(struck: Sequence[Note]) -> BoolArray:
@@ -114,22 +103,15 @@ def _written(struck: Sequence[Note]) -> BoolArray:
     return np.array([note.hand == "left" for note in struck])
 
 
-def _grip(
-    low: FloatArray, high: FloatArray, count: FloatArray, held: FloatArray, holds: BoolArray
-) -> FloatArray:
+def _grip(part: Part) -> FloatArray:
     """Cost of striking and holding keys together: (ways, options)."""
-    width = np.maximum(high - low, 0)
+    width = np.maximum(part.high - part.low, 0)
     strikes = _STRETCH * np.maximum(width / KEY_SPACING - 4, 0)
     strikes += _LOST * np.clip((width - _SPAN) / _OVERREACH, 0, 2)
-    strikes += _LOST * np.maximum(count - FINGERS_PER_HAND, 0)
-    if not held.size:
-        return np.asarray(strikes[None, :])
-    held_low, held_high = (place[:, None] for place in extent(held, holds))
-    whole = np.maximum(high, held_high) - np.minimum(low, held_low)
-    let_go = 2 * np.clip((whole - _SPAN) / _OVERREACH, 0, 1)
-    let_go += np.maximum(count + holds.sum(axis=1)[:, None] - FINGERS_PER_HAND, 0)
-    cost = _HELD * np.minimum(let_go, 2)
-    return np.asarray(strikes + np.where(np.asarray(holds.any(axis=1))[:, None], cost, 0.0))
+    strikes += _LOST * np.maximum(part.count - FINGERS_PER_HAND, 0)
+    let_go = 2 * np.clip((part.whole - _SPAN) / _OVERREACH, 0, 1)
+    let_go += np.maximum(part.count + part.held - FINGERS_PER_HAND, 0)
+    return np.asarray(strikes + np.where(part.held, _HELD * np.minimum(let_go, 2), 0.0))
 
 
 def _places(

@@ -10,12 +10,7 @@ import numpy as np
 from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.music.fingering.ergonomic import TOGETHER
-from sb3_piano.music.fingering.hand_search import (
-    Chord,
-    extent,
-    lowest_left,
-    search,
-)
+from sb3_piano.music.fingering.hand_search import HandCosts, Part, lowest_left, search
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
 
@@ -52,8 +47,8 @@ def assign_hands(score: Score) -> Score:
     return replace(score, notes=tuple(notes))
 
 
-class _Pianist:
-    """Costs of a pianist's hands: a `CostModel`."""
+class _Pianist(HandCosts):
+    """Costs of a pianist's hands."""
 
     start = np.array([0.0, 0.0, -np.inf])
 
@@ -61,46 +56,27 @@ class _Pianist:
         hands = np.array([note.hand or "" for note in struck])
         return np.unique(np.where(hands == "", lowest_left(struck), hands == "left"), axis=0)
 
-    def costs(self, states: FloatArray, chord: Chord) -> tuple[FloatArray, FloatArray]:
-        keys = np.array([note.pitch for note in chord.struck], dtype=float)
-        held = np.array([note.pitch for note in chord.held], dtype=float)
-        cost = np.zeros((len(states), len(chord.left_takes)))
-        after = np.repeat(states[:, None], len(chord.left_takes), axis=1)
-        for hand, sign in ((0, 1.0), (1, -1.0)):
-            # Seen from the right hand: the left hand's keys are turned upside down.
-            takes, holds = chord.of_hand(hand)
-            plays = takes.any(1)
-            low, high = np.where(plays, extent(sign * keys, takes), 0.0)
-            middle = sign * (low + high) / 2
-            wrong = np.maximum(sign * (_CENTRE - keys), 0)
-            part = (
-                _grip(low, high, takes.sum(1), sign * held, holds)
-                + _way(states[:, hand], middle, chord.onset)
-                + _crossing(states[:, 1 - hand], sign, low, chord.onset)
-                + _REGISTER * (takes * wrong).sum(1)
-            )
-            cost += np.where(plays, part, 0.0)
-            now = np.stack([middle, sign * low, np.full(len(low), chord.onset)], axis=-1)
-            after[:, plays, hand] = now[plays]
-        return cost, after
+    def place(self, note: Note) -> float:
+        return note.pitch
 
-
-def _grip(
-    low: FloatArray, high: FloatArray, count: FloatArray, held: FloatArray, holds: BoolArray
-) -> FloatArray:
-    """Cost of striking and holding keys together: (ways, options)."""
-    width = high - low
-    strikes = _WIDTH * width + _WIDE * np.maximum(width - _COMFORTABLE, 0)
-    strikes += _FINGER * np.maximum(count - FINGERS_PER_HAND, 0)
-    if not held.size:
-        return np.asarray(strikes[None, :])
-    held_low, held_high = extent(held, holds)
-    # Infinite where a hand holds nothing, which is left out below.
-    whole = np.maximum(high, held_high[:, None]) - np.minimum(low, held_low[:, None])
-    added = np.maximum(whole, _COMFORTABLE) - np.maximum(width, _COMFORTABLE)
-    fingers = np.maximum(count + holds.sum(1)[:, None] - FINGERS_PER_HAND, 0)
-    cost = np.minimum(_HELD * added + _HELD * fingers, _HELD_MOST)
-    return np.asarray(strikes + np.where(np.asarray(holds.any(1))[:, None], cost, 0.0))
+    def cost_of(self, states: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
+        low, onset = part.low, part.chord.onset
+        width = part.high - low
+        strikes = _WIDTH * width + _WIDE * np.maximum(width - _COMFORTABLE, 0)
+        strikes += _FINGER * np.maximum(part.count - FINGERS_PER_HAND, 0)
+        added = np.maximum(part.whole, _COMFORTABLE) - np.maximum(width, _COMFORTABLE)
+        fingers = np.maximum(part.count + part.held - FINGERS_PER_HAND, 0)
+        holds = np.minimum(_HELD * added + _HELD * fingers, _HELD_MOST)
+        middle = part.sign * (low + part.high) / 2
+        keys = part.sign * np.array([note.pitch for note in part.chord.struck], dtype=float)
+        wrong = np.maximum(part.sign * _CENTRE - keys, 0)
+        cost = (
+            (strikes + np.where(part.held, holds, 0.0))
+            + _way(states[:, part.hand], middle, onset)
+            + _crossing(states[:, 1 - part.hand], part.sign, low, onset)
+            + _REGISTER * (part.takes * wrong).sum(axis=1)
+        )
+        return cost, np.stack([middle, part.sign * low, np.full(len(low), onset)], axis=-1)
 
 
 def _way(states: FloatArray, middle: FloatArray, onset: float) -> FloatArray:

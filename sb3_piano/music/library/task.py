@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
-from sb3_piano.interrupts import StopRequest, ctrl_c_ignored, stop_on_signal
-from sb3_piano.jobs import open_executor
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs import Here, open_executor
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
@@ -87,50 +88,22 @@ def run_tasks(
     Returns:
         Whether Ctrl-C came.
     """
-    workers = min(jobs, len(tasks))
-    with stop_on_signal() as stop:
-        if workers <= 1:
-            for task in tasks:
-                if stop.made:
-                    break
-                tell(task, run_task(task, folder))
-            return stop.made
-        waiting = deque(tasks)
-        while waiting and not stop.made:
-            for task in _run_pool(waiting, folder, workers, tell, stop):
-                # With others its process was killed, by which of them is seen when each is alone.
-                alone = deque([task])
-                if _run_pool(alone, folder, 1, tell, StopRequest()):
-                    tell(task, Outcome(error=_KILLED))
-        return stop.made
-
-
-def _run_pool(
-    waiting: deque[ImportTask],
-    folder: Path,
-    workers: int,
-    tell: Callable[[ImportTask, Outcome], None],
-    stop: StopRequest,
-) -> list[ImportTask]:
-    """Do tasks in processes until all are done, or the stop is asked for, or a process is killed.
-
-    Returns:
-        The tasks that were begun when a process was killed.
-    """
+    workers = max(min(jobs, len(tasks)), 1)
+    pool = open_executor(workers) if workers > 1 else nullcontext(Here())
+    waiting = iter(tasks)
     begun: dict[Future[Outcome], ImportTask] = {}
-    with open_executor(workers) as pool:
-        try:
-            while begun or (waiting and not stop.made):
-                while waiting and len(begun) < workers and not stop.made:
-                    with ctrl_c_ignored():  # by processes, which start now
-                        future = pool.submit(run_task, waiting[0], folder)
-                    begun[future] = waiting.popleft()
-                for future in wait(begun, return_when=FIRST_COMPLETED).done:
+    with stop_on_signal() as stop, pool as executor:
+        while True:
+            for task in islice(waiting, 0 if stop.made else workers - len(begun)):
+                begun[executor.submit(run_task, task, folder)] = task
+            if not begun:
+                return stop.made
+            for future in wait(begun, return_when=FIRST_COMPLETED).done:
+                try:
                     outcome = future.result()
-                    tell(begun.pop(future), outcome)
-        except BrokenExecutor:
-            return list(begun.values())
-    return []
+                except BrokenExecutor:
+                    outcome = Outcome(error=_KILLED)
+                tell(begun.pop(future), outcome)
 
 
 def run_task(task: ImportTask, folder: Path) -> Outcome:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 from annotated_types import Ge, Le
 
 from sb3_piano.arrays import FloatArray, IntArray
@@ -18,6 +17,7 @@ from sb3_piano.simulation import hand, keyboard
 from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.simulation.scene import SIDES, PianoScene
+from sb3_piano.simulation.tables import load_table
 
 # Where a finger should press, seen from the centre of a key's top: RoboPianist moves it by these
 # shares of the half length (away from the hinge) and of the half height (up).
@@ -179,69 +179,47 @@ def _furnish(spec: mujoco.MjSpec) -> None:
 
 def _index_scene(model: mujoco.MjModel, options: Mapping[str, Any]) -> PianoScene:
     (first, last), sides = options["moving_keys"], options["sides"]
-    max_angle, margin = keyboard.sounding_angles()
-    moving = slice(first, last + 1)
-    key_joint = _named_keys(
-        model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, "joint", range(first, last + 1)
-    )
-    key_geom = _named_keys(model, mujoco.mjtObj.mjOBJ_GEOM, model.ngeom, "key", range(NUM_KEYS))
+    moving, table = slice(first, last + 1), load_table("keyboard")
+    colors = [key["color"] for key in table["keys"]]
+    max_angle = np.array([table[color]["max_angle"] for color in colors])
+    names = [f"piano/{color}_joint_{key}" for key, color in enumerate(colors)]
+    key_joint = np.array([model.joint(name).id for name in names[moving]])
+    names = [f"piano/{color}_key_{key}" for key, color in enumerate(colors)]
+    key_geom = np.array([model.geom(name).id for name in names])
+    addresses = model.jnt_qposadr[key_joint].astype(np.intp)
+    assert (np.diff(addresses) == 1).all(), "keys are joints in a row"
     press_offset = np.zeros((NUM_KEYS, 3))
     press_offset[:, 0] = _PRESS_POINT_X * model.geom_size[key_geom, 0]
     press_offset[:, 2] = _PRESS_POINT_Z * model.geom_size[key_geom, 2]
     hand_joints = tuple(_hand_joints(model, side) for side in sides)
-    forearms = [model.body(hand.forearm_body(side)).id for side in sides]
+    forearms = [model.body(hand.body_name(side, "forearm")).id for side in sides]
+    tips = [model.body(hand.body_name(s, link)).id for s in sides for link in hand.FINGERTIPS]
     forearm_geoms = [np.flatnonzero(model.geom_bodyid == body).tolist() for body in forearms]
     return PianoScene(
         model=model,
         sides=sides,
         moving_keys=moving,
-        key_qpos=model.jnt_qposadr[key_joint].astype(np.intp),
+        key_qpos=addresses,
         key_min_angle=np.zeros(len(key_joint)),
-        key_max_angle=np.array(max_angle),
-        key_sounding_angle=np.array(max_angle) - margin,
-        key_slice=_contiguous(model.jnt_qposadr[key_joint]),
+        key_max_angle=max_angle,
+        key_sounding_angle=max_angle - table["sounding_margin"],
+        key_slice=slice(int(addresses[0]), int(addresses[-1]) + 1),
         key_geom=key_geom,
         key_boxes=_boxes_of_pressed_keys(model, key_joint, key_geom, max_angle[moving]),
         key_press_offset=press_offset,
-        fingertip_site=np.array(
-            [model.site(n).id for s in sides for n in hand.fingertip_sites(s)], dtype=np.intp
-        ),
-        fingertip_geom=np.array(
-            [model.body(n).geomadr[0] for s in sides for n in hand.fingertip_bodies(s)],
-            dtype=np.intp,
-        ),
+        fingertip_site=np.array([np.flatnonzero(model.site_bodyid == b)[0] for b in tips], np.intp),
+        fingertip_geom=model.body_geomadr[tips].astype(np.intp),
         joints=hand_joints,
         actuator_of_joint=_actuator_of_joint(model, hand_joints),
         forearm_geoms=tuple(forearm_geoms),
         forearm_reach=_forearm_reach(model, forearm_geoms) if len(sides) > 1 else 0.0,
-        slider_qpos=np.array(
-            [model.jnt_qposadr[joints[-2]] for joints in hand_joints], dtype=np.intp
-        ),
+        slider_qpos=np.array([model.jnt_qposadr[joints[-2]] for joints in hand_joints], np.intp),
         options=options,
     )
 
 
-def _named_keys(
-    model: mujoco.MjModel, kind: int, count: int, word: str, keys: Iterable[int]
-) -> IntArray:
-    """Return the ids of the elements called ``piano/<color>_<word>_<key>``, one for each key."""
-    names = (mujoco.mj_id2name(model, kind, i) or "" for i in range(count))
-    found = {
-        int(name.rsplit("_", 1)[1]): i
-        for i, name in enumerate(names)
-        if name.startswith("piano/") and f"_{word}_" in name
-    }
-    return np.array([found[key] for key in keys])
-
-
-def _contiguous(addresses: npt.NDArray[np.int32]) -> slice:
-    start, count = int(addresses[0]), len(addresses)
-    assert np.array_equal(addresses, np.arange(start, start + count)), "keys are joints in a row"
-    return slice(start, start + count)
-
-
 def _boxes_of_pressed_keys(
-    model: mujoco.MjModel, key_joint: IntArray, key_geom: IntArray, max_angle: list[float]
+    model: mujoco.MjModel, key_joint: IntArray, key_geom: IntArray, max_angle: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[key_joint]] = max_angle
@@ -255,7 +233,7 @@ def _boxes_of_pressed_keys(
 
 def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:
     """Return a hand's joints in the order of RoboPianist's observation: the sliders last."""
-    prefix = hand.forearm_body(side).split("/")[0] + "/"
+    prefix = hand.body_name(side, "").partition("/")[0] + "/"
     joints = [j for j in range(model.njnt) if model.joint(j).name.startswith(prefix)]
     sliders = [model.joint(prefix + name).id for name in hand.FOREARM_JOINTS]
     return np.array([j for j in joints if j not in sliders] + sliders)

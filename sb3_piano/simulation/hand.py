@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from sb3_piano.simulation.engine import mujoco
@@ -13,11 +11,13 @@ from sb3_piano.simulation.tables import load_table
 FOREARM_JOINTS = ("forearm_tx", "forearm_ty")
 """The sliders that carry a hand: along the keyboard, and towards the keys' hinges, m."""
 
+FINGERTIPS = tuple(f"{finger}distal" for finger in ("th", "ff", "mf", "rf", "lf"))
+"""Links that press keys, thumb to little finger."""
+
 _SKIN_COLOR = (0.62, 0.64, 0.68, 1.0)
 _FOREARM_MESH = "forearm"
 # The radius of a fingertip's sphere, m; it has no use for the others, which are MuJoCo's defaults.
 _SITE_SIZE = (0.004, 0.005, 0.005)
-_FINGERS = ("th", "ff", "mf", "rf", "lf")
 
 # Bits of contype and conaffinity. By default every shape of a hand meets every other, of either
 # hand, and the keyboard, whose conaffinity is 1.
@@ -61,8 +61,11 @@ def build_hand(
     spec.modelname = f"{hand['prefix']}_shadow_hand"
     spec.compiler.degree = False
     spec.add_mesh(name=_FOREARM_MESH, uservert=_hull_vertices(table["forearm_hull_rings"]))
-    reduced = _ActionSpace.reduced(table["reduced_action_space"])
-    space = reduced if reduced_action_space else _ActionSpace()
+    reduced, removed = table["reduced_action_space"], ()
+    ranges: dict[str, list[float]] = {}
+    if reduced_action_space:
+        removed = tuple(reduced["joints_removed"])
+        ranges[f"{hand['prefix']}_THJ2"] = reduced["THJ2_range"]
     for entry in hand["bodies"]:
         parent = spec.body(entry["parent"]) if entry["parent"] else spec.worldbody
         body = parent.add_body(
@@ -70,11 +73,17 @@ def build_hand(
             pos=entry["pos"],
             quat=entry["quat"],
             gravcomp=float(gravity_compensation),
-            **_inertial(entry["inertial"]),
+            mass=entry["inertial"]["mass"],
+            ipos=entry["inertial"]["pos"],
+            iquat=entry["inertial"]["quat"],
+            inertia=entry["inertial"]["diaginertia"],
+            explicitinertial=True,
         )
         for joint in entry["joints"]:
-            if space.has(joint["name"]):
-                _add_joint(body, {**table["joint_defaults"], **joint}, space, coupled_friction_only)
+            if not joint["name"].endswith(removed):
+                limits = {"range": ranges.get(joint["name"], joint["range"])}
+                numbers = {**table["joint_defaults"], **joint, **limits}
+                _add_joint(body, numbers, coupled_friction_only)
         masks = _playing_masks(side, body.name) if playing_contacts_only else _ALL_CONTACTS
         for geom in entry["geoms"]:
             shape = geom if geom["type"] != "mesh" or not capsule_forearm else _CAPSULE
@@ -85,44 +94,15 @@ def build_hand(
     for first, second in hand["contact_excludes"]:
         spec.add_exclude(bodyname1=first, bodyname2=second)
     for actuator in hand["actuators"]:
-        _add_actuator(spec, actuator, space)
+        if not actuator["joints"][0].endswith(removed):
+            _add_actuator(spec, actuator, ranges)
     return spec
 
 
-def fingertip_sites(side: str) -> list[str]:
-    """Return the names of a hand's fingertip sites in the scene, thumb to little finger."""
+def body_name(side: str, link: str) -> str:
+    """Return the name of a link of a hand in the scene, such as ``"forearm"``."""
     prefix = load_table("shadow_hands")[side]["prefix"]
-    return [f"{prefix}_shadow_hand/{finger}distal_site" for finger in _FINGERS]
-
-
-def fingertip_bodies(side: str) -> list[str]:
-    """Return the names of a hand's last finger links in the scene, thumb to little finger."""
-    prefix = load_table("shadow_hands")[side]["prefix"]
-    return [f"{prefix}_shadow_hand/{prefix}_{finger}distal" for finger in _FINGERS]
-
-
-def forearm_body(side: str) -> str:
-    """Return the name of a hand's forearm body in the scene."""
-    prefix = load_table("shadow_hands")[side]["prefix"]
-    return f"{prefix}_shadow_hand/{prefix}_forearm"
-
-
-@dataclass(frozen=True)
-class _ActionSpace:
-    """Joints that move, and their ranges; joints are known by the ends of their names."""
-
-    removed: tuple[str, ...] = ()
-    ranges: Mapping[str, list[float]] = field(default_factory=dict)
-
-    @classmethod
-    def reduced(cls, table: dict[str, Any]) -> _ActionSpace:
-        return cls(tuple(table["joints_removed"]), {"THJ2": table["THJ2_range"]})
-
-    def has(self, joint: str) -> bool:
-        return not joint.endswith(self.removed)
-
-    def range_of(self, joint: str, full_range: list[float]) -> list[float]:
-        return self.ranges.get(joint.rpartition("_")[2], full_range)
+    return f"{prefix}_shadow_hand/{prefix}_{link}"
 
 
 def _playing_masks(side: str, body: str) -> dict[str, int]:
@@ -137,23 +117,9 @@ def _playing_masks(side: str, body: str) -> dict[str, int]:
     return {"contype": keyboard | _OTHER_HAND, "conaffinity": 0}
 
 
-def _inertial(table: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "mass": table["mass"],
-        "ipos": table["pos"],
-        "iquat": table["quat"],
-        "inertia": table["diaginertia"],
-        "explicitinertial": True,
-    }
-
-
-def _add_joint(
-    body: mujoco.MjsBody, table: dict[str, Any], space: _ActionSpace, coupled_friction_only: bool
-) -> None:
+def _add_joint(body: mujoco.MjsBody, table: dict[str, Any], coupled_friction_only: bool) -> None:
     kind = getattr(mujoco.mjtJoint, f"mjJNT_{table['type'].upper()}")
-    joint = body.add_joint(
-        **{**table, "type": kind, "range": space.range_of(table["name"], table["range"])}
-    )
+    joint = body.add_joint(**{**table, "type": kind})
     if coupled_friction_only and not joint.name.endswith(_COUPLED_JOINTS):
         joint.frictionloss = 0.0
 
@@ -165,11 +131,11 @@ def _add_geom(body: mujoco.MjsBody, table: dict[str, Any]) -> None:
         geom.meshname = _FOREARM_MESH
 
 
-def _add_actuator(spec: mujoco.MjSpec, table: dict[str, Any], space: _ActionSpace) -> None:
+def _add_actuator(
+    spec: mujoco.MjSpec, table: dict[str, Any], ranges: dict[str, list[float]]
+) -> None:
     """Add a position servo on a joint, or on the sum of two joints (a fixed tendon)."""
     name, joints = table["name"], table["joints"]
-    if not space.has(joints[0]):
-        return
     target, kind = joints[0], mujoco.mjtTrn.mjTRN_JOINT
     if len(joints) > 1:
         target, kind = name.replace("_A_", "_T_"), mujoco.mjtTrn.mjTRN_TENDON
@@ -180,7 +146,7 @@ def _add_actuator(spec: mujoco.MjSpec, table: dict[str, Any], space: _ActionSpac
         name=name,
         target=target,
         trntype=kind,
-        ctrlrange=space.range_of(joints[0], table["ctrlrange"]),
+        ctrlrange=ranges.get(joints[0], table["ctrlrange"]),
     )
     servo.set_to_position(kp=table["kp"])
     if "forcerange" in table:

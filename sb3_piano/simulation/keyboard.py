@@ -98,16 +98,6 @@ def build_keyboard(
     return spec
 
 
-def sounding_angles() -> tuple[list[float], float]:
-    """Return when keys sound.
-
-    Returns:
-        The largest angle of each of the 88 keys (rad), and how close to it a key sounds (rad).
-    """
-    table = load_table("keyboard")
-    return [table[key["color"]]["max_angle"] for key in table["keys"]], table["sounding_margin"]
-
-
 def pedal_threshold() -> float:
     """Return the pedal command, in [0, 1], from which on the sustain pedal is down."""
     threshold: float = load_table("keyboard")["pedal_threshold"]

@@ -90,8 +90,7 @@ class HandCosts(ABC):
         cost = np.zeros((len(states), len(chord.left_takes)))
         after = np.repeat(states[:, None], len(chord.left_takes), axis=1)
         for hand, sign in ((0, 1.0), (1, -1.0)):
-            # With ^ they are the left hand's, or all others.
-            takes, holds = chord.left_takes ^ (not hand), chord.left_holds ^ (not hand)
+            takes, holds = (left == hand for left in (chord.left_takes, chord.left_holds))
             plays = takes.any(axis=1)
             low, high = np.where(plays, _extent(sign * keys, takes), 0.0)
             # Infinite where a hand holds nothing: then it is as wide as what it strikes.

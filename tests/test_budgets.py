@@ -31,13 +31,13 @@ LINES = {
     "jobs": 962,
     "lab": 5_800,
     "metrics": 960,
-    "music": 8_550,
+    "music": 8_510,
     "pipelines": 1_354,
     "planning": 2_700,
     "players": 2_172,
     "policies": 1_580,
-    "reading": 995,
-    "simulation": 1_170,
+    "reading": 913,
+    "simulation": 1_102,
     "training": 6_229,
     "tuning": 1_377,
     "vec_env": 490,
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 3_693
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_393, "modules": 324, "names": 220},
+    "core": {"lines": 48_201, "modules": 323, "names": 220},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
     "tests": {"lines": 42_010},
 }

@@ -20,7 +20,7 @@ TESTS = Path(__file__).parent
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
     "base": 1_800,
-    "batch": 1_800,
+    "batch": 1_970,
     "buffers": 660,
     "callbacks": 2_770,
     "cli": 3_203,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_693
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_201, "modules": 323, "names": 220},
+    "core": {"lines": 48_400, "modules": 324, "names": 221},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_010},
+    "tests": {"lines": 42_240},
 }
 
 

@@ -1,8 +1,16 @@
 """Many pianos as one batch of tensors, on MuJoCo's own threads or on a GPU."""
 
 from sb3_piano.batch.environment import BatchedPiano, BatchStep
+from sb3_piano.batch.replay import DeviceReplayBuffer
 from sb3_piano.batch.vec_env import BatchVecEnv
 from sb3_piano.batch.vector_env import BatchVectorEnv
 from sb3_piano.batch.worlds import Worlds
 
-__all__ = ["BatchStep", "BatchVecEnv", "BatchVectorEnv", "BatchedPiano", "Worlds"]
+__all__ = [
+    "BatchStep",
+    "BatchVecEnv",
+    "BatchVectorEnv",
+    "BatchedPiano",
+    "DeviceReplayBuffer",
+    "Worlds",
+]

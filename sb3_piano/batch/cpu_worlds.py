@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import warnings
 
@@ -10,8 +11,10 @@ import torch
 
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.settings import Count, checked
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.compiling import assemble_scene, scene_parts
 from sb3_piano.simulation.engine import mujoco
 from sb3_piano.threads import usable_cores
 
@@ -45,16 +48,18 @@ class CpuWorlds(Worlds):
         self.n_threads = min(n_threads, count)
         """Threads that step the worlds."""
         self._stage = mujoco.mjtStage.mjSTAGE_VEL.value
-        self._batch = made(scene.model, count, self.n_threads, persistent=True)
-        for name in ("qpos", "qvel", "geom_xpos", "geom_xmat", "site_xpos"):
-            setattr(self, name, self._view(name))
+        model = _with_noted_keys(scene, n_substeps)
+        self._batch = made(model, count, self.n_threads, persistent=True)
+        self.qpos, self.qvel = self._view("qpos"), self._view("qvel")
+        self.geom_xpos, self.site_xpos = self._view("geom_xpos"), self._view("site_xpos")
         self.actuator_force = self._view("actuator_force")
         self.actuator_velocity = self._view("actuator_velocity")
         self._ctrl = self._batch.bind("ctrl")
         self._warnings = self._batch.warning[:, _BROKEN, 1]  # how often
-        self._data = mujoco.MjData(scene.model)
-        self._between = np.zeros((count, n_substeps - 1, scene.model.nq))
-        self._more_tensors()
+        self._data = mujoco.MjData(model)
+        # Of each key: two numbers, when it was looked at, its angles then.
+        history = torch.from_numpy(self._batch.bind("history"))
+        self._noted = history.view(count, len(scene.key_qpos), -1)[:, :, -n_substeps:]
 
     def _view(self, name: str) -> Tensor:
         with warnings.catch_warnings():  # what MuJoCo computes must not be written to
@@ -72,16 +77,23 @@ class CpuWorlds(Worlds):
 
     def step(self, controls: Tensor) -> None:
         """Play a control step; see :meth:`Worlds.step`."""
-        keys, moving = self.scene.key_slice, self.scene.moving_keys
         before = self._warnings.sum(axis=1)
         self._ctrl[:] = controls.numpy()
-        if self.n_substeps > 1:
-            out = {"qpos": self._between}
-            self._batch.rollout(self.n_substeps - 1, record=("qpos",), out=out)
-            self.key_angles[:, :-1, moving] = torch.from_numpy(self._between[:, :, keys])
-        self._batch.step(nstep=1, stage=self._stage)
-        self.key_angles[:, -1, moving] = self.qpos[:, keys]
+        self._batch.step(nstep=self.n_substeps, stage=self._stage)
         self.lost = torch.from_numpy(self._warnings.sum(axis=1) > before)
+
+    @functools.cached_property
+    def geom_xmat(self) -> Tensor:
+        """(N, ngeom, 9) axes of all shapes, which are copied from the first time on."""
+        return self._view("geom_xmat").view(self.count, -1, 9)
+
+    def key_angles(self, worlds: Tensor | slice) -> Tensor:
+        """Return the angles of keys; see :meth:`Worlds.key_angles`."""
+        first, last = self.scene.moving_keys.start, self.scene.moving_keys.stop
+        now = self.qpos[worlds, self.scene.key_slice]
+        angles = torch.cat([self._noted[worlds, :, 1:], now[..., None]], -1).transpose(1, 2)
+        rigid = (first, NUM_KEYS - last)
+        return torch.nn.functional.pad(angles, rigid) if any(rigid) else angles
 
     def forearms_touch(self) -> Tensor:
         """Return in which worlds forearms touch; see :meth:`Worlds.forearms_touch`."""
@@ -92,3 +104,21 @@ class CpuWorlds(Worlds):
             self._batch.get_data(world, self._data)
             touching[world] = self.scene.forearms_touch(self._data)
         return touching
+
+
+def _with_noted_keys(scene: PianoScene, n_substeps: int) -> mujoco.MjModel:
+    """Return the model of a scene that notes the keys' angles before each physics step.
+
+    So that a whole control step is one call: two calls would look for all contacts once more.
+    """
+    parts = scene_parts(**scene.options)
+    _, keyboard, *_ = parts
+    for joint in sorted(keyboard.joints, key=lambda each: int(each.name.rsplit("_", 1)[1])):
+        keyboard.add_sensor(
+            name=f"angle_{joint.name}",
+            type=mujoco.mjtSensor.mjSENS_JOINTPOS,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            objname=joint.name,
+            nsample=n_substeps,
+        )
+    return assemble_scene(parts, scene.options).model

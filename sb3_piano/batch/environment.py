@@ -69,6 +69,8 @@ class BatchedPiano:
         draws: Scores to draw if a wrapper draws them.
         metrics: "all" that a final ``info`` has, for which every step is noted down; or "sums" of
             what adds up: F1 and returns.
+        moving_keys: The lowest and the highest key that move; all others are rigid, which is
+            faster, see :meth:`~sb3_piano.envs.PianoEnv.fix_keys`. By default all move.
         seed: Seeds all that is drawn.
         physics_options: Arguments of :class:`~sb3_piano.batch.WarpWorlds`, such as buffers.
         **options: The fields of :class:`~sb3_piano.envs.PianoEnvConfig`.
@@ -89,6 +91,7 @@ class BatchedPiano:
         wrappers: Sequence[Wrapper] = (),
         draws: int = 256,
         metrics: Literal["all", "sums"] = "all",
+        moving_keys: tuple[int, int] | None = None,
         seed: int | None = None,
         physics_options: dict[str, Any] | None = None,
         **options: Any,
@@ -100,6 +103,8 @@ class BatchedPiano:
         env: Any = PianoEnv(scores[0], **options)
         self.piano: PianoEnv = env
         """The environment that is batched: its scene, spaces, settings; no world of the batch."""
+        if moving_keys is not None:
+            env.fix_keys(*moving_keys)
         for wrapper in wrappers:
             env = wrapper(env)
         self.env: gym.Env[Any, Any] = env
@@ -162,8 +167,10 @@ class BatchedPiano:
         self._task = Task(env.config, pieces, worlds, heard)
         weights = env.config.reward_weights
         self._strikes = Strikes(pieces, count) if weights.get("strike") else None
+        self._weights, self._nothing = tuple(weights), torch.zeros_like(heard.pedal)
+        self._weight = worlds.qpos.new_tensor(list(weights.values()))
         made = History if metrics == "all" else Sums
-        self.sums = made(pieces, worlds, heard, tuple(weights))
+        self.sums = made(pieces, worlds, heard, self._weights)
         """What adds up over each episode."""
         self._middle, self._half = (
             torch.as_tensor(array).to(worlds.qpos)
@@ -243,13 +250,14 @@ class BatchedPiano:
             hit = self._strikes.hit(self.piece, row, heard.struck, time)
             worth = 2 * hit.sum(1) - heard.struck.sum(1)
             self.terms["strike"] = worth.to(self.worlds.dtype)
-        weights = self.config.reward_weights
-        nothing = torch.zeros_like(heard.pedal)
-        weighted = [w * self.terms[n] if w else nothing for n, w in weights.items()]
-        reward = sum(weighted, nothing)
+        weighted = torch.stack([self.terms.get(n, self._nothing) for n in self._weights], 1)
+        lost = self.worlds.lost[:, None]  # what is seen there may be no numbers
+        weighted = torch.where(lost, 0.0, weighted * self._weight)
+        reward = weighted.sum(1)
         self.sums.add(row, step, weighted)
         if self._hand_rewards is not None:
             self.hand_rewards = self._hand_rewards.rewards(self.piece, row, step)
+            self.hand_rewards = torch.where(lost, 0.0, self.hand_rewards)
             reward = self.hand_rewards.mean(1)
         self.steps = step + 1
         last = self.steps >= self.pieces.length[self.piece]
@@ -257,9 +265,9 @@ class BatchedPiano:
         terminated = self.worlds.lost.clone()
         if self.config.wrong_press_termination:
             terminated |= (heard.sounding & ~self.pieces.due[row]).any(1) & ~last
-        reward = torch.where(self.worlds.lost, 0.0, reward)
         self.sums.earned += reward
-        return BatchStep(self.observe(), reward, terminated, truncated)
+        observation = torch.where(lost, 0.0, self.observe())
+        return BatchStep(observation, reward, terminated, truncated)
 
     def observe(self) -> Tensor:
         """Return what all worlds observe, (N, n) float32; at the end the last goal once more."""

@@ -34,10 +34,10 @@ class Sums:
         for array in (self.returns, self.earned, self._f1):
             array[mask] = 0.0
 
-    def add(self, row: Tensor, step: Tensor, weighted: Sequence[Tensor]) -> None:
-        """Add a control step; the terms are in their order."""
+    def add(self, row: Tensor, step: Tensor, weighted: Tensor) -> None:
+        """Add a control step, with its (N, n) weighted terms."""
         del step
-        self.returns += torch.stack(tuple(weighted), 1)
+        self.returns += weighted
         due, sounding = self._pieces.target[row], self._heard.sounding
         both = due.sum(1) + sounding.sum(1)
         f1 = 2 * (due & sounding).sum(1) / both.clamp(min=1)
@@ -71,9 +71,9 @@ class History(Sums):
         self._pedal = torch.zeros(*shape, dtype=torch.bool, device=device)
         self._tips = worlds.qpos.new_zeros(*shape, NUM_FINGERS, 3)
 
-    def add(self, row: Tensor, step: Tensor, weighted: Sequence[Tensor]) -> None:
-        """Note down a control step; the terms are in their order."""
-        self.returns += torch.stack(tuple(weighted), 1)
+    def add(self, row: Tensor, step: Tensor, weighted: Tensor) -> None:
+        """Note down a control step, with its (N, n) weighted terms."""
+        self.returns += weighted
         at, heard = (self._all, step), self._heard
         self._sounding[at], self._since[at] = heard.sounding, heard.since
         self._pedal[at], self._tips[at] = heard.pedal_down, heard.fingertips

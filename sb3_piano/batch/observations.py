@@ -105,6 +105,7 @@ class HandObservations(Observations):
     def __init__(self, encoding: HandEncoding, pieces: Pieces, worlds: Worlds, heard: Heard):
         super().__init__(pieces, worlds, heard)
         self._at = encoding.at
+        worlds.geom_xmat  # noqa: B018  from now on it is there
         self._qpos, self._dofs = self._index(encoding.qpos), self._index(encoding.dofs)
         self._tips = self._index(encoding.tip_geoms)
         self._along = self._number(encoding.tip_along)
@@ -125,7 +126,7 @@ class HandObservations(Observations):
         joints = worlds.qpos[:, self._qpos] * self._joint_sign
         speeds = worlds.qvel[:, self._dofs] * self._joint_sign
         arm = (self._middle + self._slope * joints[..., self._slider])[..., None]
-        axes = worlds.geom_xmat.view(count, -1, 9).index_select(1, self._tips)[..., 2::3]
+        axes = worlds.geom_xmat.index_select(1, self._tips)[..., 2::3]
         tips = worlds.geom_xpos.index_select(1, self._tips) + axes * self._along
         tips = tips.view(count, hands, FINGERS_PER_HAND, 3) * self._mirror
         here = tips * _DM_PER_M

@@ -77,7 +77,7 @@ class Heard:
 
     def within(self, rows: Tensor | slice = slice(None)) -> Tensor:
         """Return which keys sounded after each physics step, (n, p, 88), of some worlds."""
-        return self._worlds.key_angles[rows] >= self._sounds
+        return self._worlds.key_angles(rows) >= self._sounds
 
     def share(self) -> Tensor:
         """Return after which share of the control step keys were for good as they are, (N, 88)."""
@@ -109,8 +109,8 @@ def at(rows: Tensor, index: Tensor) -> Tensor:
 
 
 def closeness(distance: Tensor, bound: float) -> Tensor:
-    """Return :func:`~sb3_piano.envs.rewards.tolerance` of distances, 0.1 at ten bounds beyond."""
-    outside = torch.maximum(distance - bound, -distance).clamp(min=0) / (10 * bound)
+    """Return :func:`~sb3_piano.envs.rewards.tolerance` of distances, which are not negative."""
+    outside = (distance - bound).clamp(min=0) / (10 * bound)
     return torch.pow(0.1, outside * outside)
 
 

@@ -10,6 +10,7 @@ import warp as wp
 
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.settings import Count, checked
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.engine import mujoco
@@ -107,11 +108,11 @@ class WarpWorlds(Worlds):
         d, count, tensor = self._d, self.count, wp.to_torch
         self.qpos, self.qvel, self._ctrl = tensor(d.qpos), tensor(d.qvel), tensor(d.ctrl)
         self.geom_xpos = tensor(d.geom_xpos).view(count, -1, 3)
-        self.geom_xmat = tensor(d.geom_xmat).view(count, -1, 9)
+        self._geom_xmat = tensor(d.geom_xmat).view(count, -1, 9)
         self.site_xpos = tensor(d.site_xpos).view(count, -1, 3)
         self.actuator_force = tensor(d.actuator_force)
         self.actuator_velocity = tensor(d.actuator_velocity)
-        self._more_tensors()
+        self._angles = self.qpos.new_zeros(count, self.n_substeps, NUM_KEYS)
         self._mask = torch.zeros(count, dtype=torch.bool, device=self.device)
         self._sliders = self.qpos.new_zeros(count)
         self._touching = torch.zeros(count, dtype=torch.int32, device=self.device)
@@ -137,6 +138,15 @@ class WarpWorlds(Worlds):
         broken = ~torch.isfinite(self.qpos).all(1) | ~(self.qvel.abs() < _FASTEST).all(1)
         self.lost = broken
         self._tell_overflow()
+
+    @property
+    def geom_xmat(self) -> Tensor:
+        """(N, ngeom, 9) axes of all shapes."""
+        return self._geom_xmat
+
+    def key_angles(self, worlds: Tensor | slice) -> Tensor:
+        """Return the angles of keys; see :meth:`Worlds.key_angles`."""
+        return self._angles[worlds]
 
     def forearms_touch(self) -> Tensor:
         """Return in which worlds forearms touch; see :meth:`Worlds.forearms_touch`."""
@@ -203,7 +213,7 @@ class WarpWorlds(Worlds):
             _note_key,
             (self.count, keys.stop - keys.start),
             [self._d.qpos, keys.start, moving.start, substep],
-            [wp.from_torch(self.key_angles)],
+            [wp.from_torch(self._angles)],
         )
 
     def _note_contacts(self) -> None:

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 
 import torch
 
-from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation import PianoScene
 
 Tensor = torch.Tensor
@@ -25,8 +24,6 @@ class Worlds(ABC):
     """(N, nv) their velocities."""
     geom_xpos: Tensor
     """(N, ngeom, 3) positions of all shapes, m."""
-    geom_xmat: Tensor
-    """(N, ngeom, 9) their axes."""
     site_xpos: Tensor
     """(N, nsite, 3) positions of the fingertips, m."""
     actuator_force: Tensor
@@ -36,18 +33,29 @@ class Worlds(ABC):
 
     def __init__(self, scene: PianoScene, count: int, n_substeps: int, device: torch.device):
         self.scene, self.count, self.n_substeps, self.device = scene, count, n_substeps, device
+        self.lost = torch.zeros(count, dtype=torch.bool, device=device)
+        """(N,) worlds whose physics broke down in the last control step."""
 
     @property
     def dtype(self) -> torch.dtype:
         """Type of the numbers of the physics."""
         return self.qpos.dtype
 
-    def _more_tensors(self) -> None:
-        """Make what is not MuJoCo's own, once ``qpos`` is there."""
-        self.key_angles = self.qpos.new_zeros(self.count, self.n_substeps, NUM_KEYS)
-        """(N, p, 88) angles of the keys after each physics step of the last control step, rad."""
-        self.lost = torch.zeros(self.count, dtype=torch.bool, device=self.device)
-        """(N,) worlds whose physics broke down in the last control step."""
+    @property
+    @abstractmethod
+    def geom_xmat(self) -> Tensor:
+        """(N, ngeom, 9) axes of all shapes; asked for before the first reset if at all."""
+
+    @abstractmethod
+    def key_angles(self, worlds: Tensor | slice) -> Tensor:
+        """Return the angles of keys after each physics step of the last control step.
+
+        Args:
+            worlds: n of the worlds.
+
+        Returns:
+            (n, p, 88), rad; 0 of those that are rigid.
+        """
 
     @abstractmethod
     def reset(self, mask: Tensor, sliders: Tensor | None = None) -> None:

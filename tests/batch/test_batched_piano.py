@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from stable_baselines3 import PPO
 
 import sb3_piano
 from sb3_piano.batch import BatchedPiano, BatchVecEnv
@@ -140,6 +141,19 @@ def test_recorded_playing_is_equal_with_the_physics_that_is_faithful(performance
     noisy, clean = batch.summaries([0, 1])
     assert clean == pytest.approx({name: info[name] for name in clean})
     assert noisy["f1"] < 0.5
+
+
+def test_keys_may_be_rigid_as_in_one_environment():
+    env = PianoEnv(SCORES[0], **FAST)
+    env.fix_keys(36, 50)
+    batch = BatchedPiano(2, SCORES[0], moving_keys=(36, 50), **FAST)
+    np.testing.assert_array_equal(batch.reset()[1].numpy(), env.reset()[0])
+    for action in smooth_actions(14, 2, 39):
+        seen = batch.step(torch.from_numpy(action))
+        observation, reward, *_, info = env.step(action[1])
+        np.testing.assert_array_equal(seen.observation[1].numpy(), observation)
+        assert seen.reward[1].item() == pytest.approx(reward, abs=1e-12)
+    assert batch.summaries([1])[0]["onset_f1"] == info["onset_f1"]
 
 
 def test_worlds_are_reset_by_a_mask_and_others_play_on():
@@ -282,3 +296,21 @@ def test_tensors_are_given_on_demand():
     observation, _ = envs.reset()
     assert isinstance(observation, torch.Tensor)
     assert isinstance(envs.step(torch.zeros(2, 39))[1], torch.Tensor)
+
+
+@pytest.mark.slow
+def test_ppo_on_64_worlds_learns_the_piano_that_plays_itself():
+    options = {"physics": "fast", "hands_in_scene": "none", "n_steps_lookahead": 0}
+    pianos = BatchedPiano(64, "debug-CMajorScaleTwoHands", metrics="sums", seed=0, **options)
+    scores = []
+
+    def note(local, _):
+        scores.extend(info["f1"] for info in local["infos"] if "f1" in info)
+        return True
+
+    settings = {"n_steps": 32, "batch_size": 512, "n_epochs": 6, "gamma": 0.0, "gae_lambda": 1.0}
+    settings |= {"learning_rate": 1e-3, "device": "cpu", "seed": 0}
+    network = {"log_std_init": -0.7, "net_arch": [256]}
+    model = PPO("MlpPolicy", BatchVecEnv(pianos), policy_kwargs=network, **settings)
+    model.learn(90_000, callback=note)
+    assert np.mean(scores[-64:]) > 0.15 > 4 * np.mean(scores[:64])

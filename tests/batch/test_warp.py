@@ -1,0 +1,91 @@
+"""MuJoCo Warp, on its CPU device, plays as MuJoCo does; needs the extra ``gpu``."""
+
+import warnings
+
+import numpy as np
+import pytest
+import torch
+
+from sb3_piano.batch import BatchedPiano
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+
+OPTIONS = {"observation": "fingers", "reduced_action_space": False, "initial_buffer_time": 0.5}
+
+
+def test_without_warp_one_line_says_what_to_install():
+    try:
+        import mujoco_warp  # noqa: F401
+    except ImportError:
+        with pytest.raises(ConfigError, match="extra gpu, mujoco-warp and warp-lang, or backend="):
+            BatchedPiano(1, backend="warp")
+
+
+@pytest.fixture
+def warp():
+    return pytest.importorskip("mujoco_warp")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("physics", ["faithful", "fast"])
+def test_recorded_playing_sounds_the_same(warp, performances, physics):
+    recorded = performances[1]
+    piece = f"debug-{recorded.piece}"
+    env = PianoEnv(piece, physics=physics, **OPTIONS)
+    batch = BatchedPiano(2, piece, backend="warp", device="cpu", physics=physics, **OPTIONS)
+    env.reset()
+    batch.reset()
+    for step, action in enumerate(recorded["action"][:40].astype(np.float32)):
+        observation, reward, *_ = env.step(action)
+        seen = batch.step(torch.from_numpy(np.stack([action, np.zeros_like(action)])))
+        assert (batch.heard.sounding[0].numpy() == env.key_active).all(), step
+        assert seen.reward[0].item() == pytest.approx(reward, abs=1e-3)
+    np.testing.assert_allclose(seen.observation[0].numpy(), observation, atol=0.01)
+    assert batch.summaries([0])[0]["f1"] == env.summary["f1"]
+
+
+@pytest.mark.slow
+def test_worlds_are_reset_by_a_mask(warp):
+    batch = BatchedPiano(2, backend="warp", device="cpu", physics="fast")
+    first = batch.reset()
+    for _ in range(3):
+        batch.step(torch.ones(2, 39))
+    again = batch.reset(torch.tensor([False, True]))
+    assert torch.equal(again[1], first[1])
+    assert not torch.equal(again[0], first[0])
+    assert batch.steps.tolist() == [3, 0]
+
+
+@pytest.mark.slow
+def test_a_world_that_breaks_down_ends_alone(warp):
+    batch = BatchedPiano(2, backend="warp", device="cpu", physics="fast")
+    batch.reset()
+    batch.worlds.qvel[1, 5] = torch.nan
+    seen = batch.step(torch.zeros(2, 39))
+    assert seen.terminated.tolist() == [False, True]
+    assert torch.isfinite(seen.observation).all()
+    batch.reset(seen.terminated)
+    assert not batch.step(torch.zeros(2, 39)).terminated.any()
+
+
+@pytest.mark.slow
+def test_forces_that_find_no_room_are_told(warp):
+    small = {"n_constraints": 20, "n_nonzero": 400}
+    batch = BatchedPiano(2, backend="warp", device="cpu", physics="faithful", physics_options=small)
+    batch.reset()
+
+    def play():
+        for _ in range(12):
+            batch.step(torch.ones(2, 39))
+
+    with pytest.warns(UserWarning, match="Forces were left out in . of 2 worlds.*n_constraints"):
+        play()
+
+
+@pytest.mark.slow
+def test_larger_buffers_and_quiet_hands_warn_of_nothing(warp):
+    batch = BatchedPiano(1, backend="warp", device="cpu", physics="fast")
+    batch.reset()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        batch.step(torch.zeros(1, 39))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -40,6 +41,7 @@ class Goal:
         Raises:
             ScoreError: If the score is too long.
         """
+        self._config = config
         self.source = score
         """The score as it was handed in."""
         self.score = score = fingered(part_of_hands(score, config), config)
@@ -58,6 +60,18 @@ class Goal:
         """Names of the reward terms."""
         self.highest_return = self._highest_return(config)
         """No return under the environment's reward is higher."""
+
+    @functools.cached_property
+    def fingered_roll(self) -> PianoRoll:
+        """The roll in which every note has a finger, for players.
+
+        Where the environment shows none, they are fingers that suit the hands, or that go with the
+        others.
+        """
+        if not self.roll.unlabelled.any():
+            return self.roll
+        fingering = "ergonomic" if self.score.has_fingering else "robot"
+        return roll_of(fingered(self.score, self._config, fingering), self._config)
 
     def __len__(self) -> int:
         """Return how many control steps the episode has."""

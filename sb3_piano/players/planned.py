@@ -20,7 +20,7 @@ from sb3_piano.planning.plan import plan as plan_piece
 from sb3_piano.planning.plan_file import load_plan, roll_digest
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker
-from sb3_piano.players.policy import PianoPolicy, roll_with_fingers
+from sb3_piano.players.policy import PianoPolicy
 from sb3_piano.reading.problems import summary
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.engine import mujoco
@@ -129,7 +129,7 @@ class Trackers:
                     del self._kept[index]
                     self._kept.insert(0, kept._replace(roll=roll))
                     return kept.tracker
-        fingered = roll_with_fingers(piano)
+        fingered = piano.goal.fingered_roll
         if self._file is None:
             made = _planned_once(fingered, scene, self.settings)
         else:

@@ -13,10 +13,7 @@ from gymnasium import spaces
 
 from sb3_piano.arrays import BoolArray, Float32Array, IntArray
 from sb3_piano.envs import ObservationSpace, PianoEnv
-from sb3_piano.envs.goal import roll_of
-from sb3_piano.envs.score_choice import fingered
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import PianoRoll
 
 if TYPE_CHECKING:
     import torch
@@ -192,15 +189,6 @@ def pianos_of(env: gym.Env[Any, Any] | VecEnv) -> list[PianoEnv]:
         if not piano.scene.sides:
             raise ConfigError("A piano without hands has nobody to play it: expected hands.")
     return inside
-
-
-def roll_with_fingers(piano: PianoEnv) -> PianoRoll:
-    """Return what an environment plays as a roll in which every note has a finger."""
-    roll, config = piano.roll, piano.config
-    if not roll.unlabelled.any():
-        return roll
-    fingering = "ergonomic" if piano.score.has_fingering else "robot"
-    return roll_of(fingered(piano.score, config, fingering), config)
 
 
 def _normalizer_of(env: gym.Env[Any, Any] | VecEnv) -> VecNormalize | None:

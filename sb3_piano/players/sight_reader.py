@@ -19,7 +19,7 @@ from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.players.hand_model import SHIPPED, HandModel
-from sb3_piano.players.policy import PianoPolicy, roll_with_fingers, singles_of
+from sb3_piano.players.policy import PianoPolicy, singles_of
 from sb3_piano.reading.problems import summary, unheld
 from sb3_piano.simulation import PianoScene
 from sb3_piano.wrappers.hand_actions import HandActions, hand_actions_of
@@ -92,7 +92,7 @@ class SightReader(PianoPolicy):
             encoding = known.encoding
         else:
             encoding = HandEncoding(piano.scene, piano.config.control_timestep)
-        roll = roll_with_fingers(piano)
+        roll = piano.goal.fingered_roll
         problems = unheld(encoding.read(roll).roll)
         if piano.config.observation == "hands":  # the environment has told of those without finger
             problems = [one for one in problems if one.finger != UNKNOWN_FINGER]

@@ -14,7 +14,6 @@ from sb3_piano.planning import PlanSettings, Refinement, load_plan, plan, save_p
 from sb3_piano.planning.roll_outs import Way
 from sb3_piano.planning.splicing import spliced
 from sb3_piano.players.planned import PlannedPianist
-from sb3_piano.players.policy import roll_with_fingers
 
 # A leap there and back, which costs the plan some frames.
 SCORE = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1), (0.5, 0.75, 60, 0))
@@ -36,7 +35,7 @@ def stage(score=SCORE, **options):
 
 
 def planned(env):
-    return plan(roll_with_fingers(env), env.scene, SETTINGS)
+    return plan(env.goal.fingered_roll, env.scene, SETTINGS)
 
 
 def refinement(made, env, **options):
@@ -65,7 +64,7 @@ def found(made, env):
 @pytest.fixture(scope="module")
 def file(found, env, tmp_path_factory):
     path = tmp_path_factory.mktemp("plans") / "plan.npz"
-    save_plan(path, found[0], roll_with_fingers(env), env.scene, SETTINGS, f1=found[1])
+    save_plan(path, found[0], env.goal.fingered_roll, env.scene, SETTINGS, f1=found[1])
     return str(path)
 
 
@@ -117,7 +116,7 @@ def test_the_result_depends_on_seed_and_passes_only(found, made, env):
 
 @pytest.mark.slow
 def test_it_goes_on_from_a_file_and_never_gets_worse(found, file, env):
-    kept = load_plan(file, roll_with_fingers(env), env.scene)
+    kept = load_plan(file, env.goal.fingered_roll, env.scene)
     np.testing.assert_array_equal(kept.commands, found[0].commands)
     np.testing.assert_array_equal(kept.positions, found[0].positions)
     with refinement(kept, env) as searching:

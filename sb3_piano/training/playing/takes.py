@@ -26,7 +26,6 @@ from sb3_piano.planning.refinement import OnStep
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.players.planned import PlannedPianist
-from sb3_piano.players.policy import roll_with_fingers
 from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.configuration.env_spec import EnvSpec
@@ -273,7 +272,7 @@ def write_plan(
         assert isinstance(piano, PianoEnv), "planners play nothing else"
         player = PlannedPianist(made, settings, plan=known)
         made.reset(seed=seed)
-        roll = roll_with_fingers(piano)
+        roll = piano.goal.fingered_roll
         refinement = Refinement(player.plan(), piano.scene, player.settings, seed=seed)
         before = refinement.f1
 

@@ -17,7 +17,6 @@ from sb3_piano.music import Note, Score, load_score
 from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.players import SightReader
 from sb3_piano.players.hand_model import SHIPPED
-from sb3_piano.players.policy import roll_with_fingers
 from sb3_piano.reading import KeyPlaces, both_hands, read_piece
 from sb3_piano.reading.piece import bounds_of
 from sb3_piano.simulation import compile_scene
@@ -94,7 +93,7 @@ def performed(piece, path, every):
         observation, *_ = env.step(player.predict(observation)[0])
     arrays = {name: np.stack([state[name] for state in states]) for name in states[0]}
     arrays["step"] = np.array(steps, dtype=float)
-    safetensors.numpy.save_file(arrays | roll_arrays(roll_with_fingers(env)), path)
+    safetensors.numpy.save_file(arrays | roll_arrays(env.goal.fingered_roll), path)
     return env, np.array(seen), np.array(done)
 
 
@@ -116,7 +115,7 @@ def test_it_reads_observes_and_acts_as_in_python(reader, folder, piece, tmp_path
     file = tmp_path / "states.safetensors"
     env, observed, acted = performed(piece, file, every=1 if piece is EDGES else 5)
     answer = reader.ask({"ask": "observe", "folder": str(folder), "file": str(file)})
-    read = read_piece(roll_with_fingers(env), both_hands(env.scene), KeyPlaces.of(env.scene))
+    read = read_piece(env.goal.fingered_roll, both_hands(env.scene), KeyPlaces.of(env.scene))
     bounds = bounds_of(read.line, ARMS_APART)
     for there, here, bound in zip(answer["hands"], read.hands, bounds, strict=True):
         assert [list(one.values()) for one in there["presses"]] == [
@@ -153,7 +152,7 @@ def test_it_plays_as_well_as_in_python(reader, folder, piece, tmp_path):
     player, (observation, _) = SightReader(env), env.reset(seed=0)
     for _ in range(len(env.roll)):
         observation, *_, info = env.step(player.predict(observation)[0])
-    safetensors.numpy.save_file(roll_arrays(roll_with_fingers(env)), file)
+    safetensors.numpy.save_file(roll_arrays(env.goal.fingered_roll), file)
     played = np.zeros_like(env.roll.active)
     rows = reader.ask({"ask": "play", "folder": str(folder), "file": str(file)})
     for step, keys in enumerate(rows):

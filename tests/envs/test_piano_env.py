@@ -201,7 +201,7 @@ def test_hands_start_in_random_places_drawn_from_the_seed():
 @pytest.mark.parametrize(
     "options",
     [
-        {"physics": "fast", "reward_weights": {"strike": 0.5}},
+        {"physics": "fast"},
         {"reduced_action_space": False, "n_steps_lookahead": 3},
         {"hands_in_scene": "right"},
         {"hands_in_scene": "left"},

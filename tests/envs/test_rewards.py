@@ -75,6 +75,19 @@ def test_an_episode_sums_up_to_hits_less_the_other_strikes(twinkle):
     assert max(terms) > 0 > min(terms)
 
 
+def test_a_restored_state_knows_what_was_struck(twinkle):
+    env, actions = twinkle
+    env.reset(seed=0)
+    played(env, actions, 60)
+    state = env.get_state()
+    once = played(env, actions[60:])
+    env.reset(seed=0)
+    env.set_state(state)
+    again = played(env, actions[60:])
+    assert once[:2] == again[:2]
+    assert once[2]["return_strike"] == again[2]["return_strike"]
+
+
 def test_without_a_weight_it_is_told_and_earns_nothing(twinkle):
     weighted, actions = twinkle
     options = {"reduced_action_space": False, "initial_buffer_time": 0.5, "physics": "fast"}

@@ -120,6 +120,20 @@ class TestPossibleScores:
         six = melody(60, 61, 62, 63, 64, 65, length=1.0)
         assert possible_scores(Excerpt(piano(six), start=1, length=1)) == [six.excerpt(1, 2)]
         assert possible_scores(Excerpt(piano(six), start="random", length=1)) == [six]
-        outer = Excerpt(TemporalStretch(piano(six), 2, probability=0.5), length=2)
-        assert max(score.pitch_range[1] for score in possible_scores(outer)) == 61
+        inner = Excerpt(TemporalStretch(piano(six), 2, probability=0.5), length=2)
+        assert max(score.pitch_range[1] for score in possible_scores(inner)) == 61
         assert six not in possible_scores(PitchShift(piano(six), 3))
+
+    @pytest.mark.parametrize(
+        "outer",
+        [
+            lambda env: TemporalStretch(env, [0.5, 2]),
+            lambda env: TemporalStretch(env, 2, probability=0.5),
+            lambda env: Excerpt(env, start="random", length=2),
+        ],
+    )
+    def test_of_a_part_of_what_is_drawn_all_notes_count(self, outer):
+        six = melody(60, 61, 62, 63, 64, 65, length=1.0)
+        env = outer(PitchShift(Excerpt(piano(six), start=0, length=1), 2))
+        pitches = {note.pitch for score in possible_scores(env) for note in score.notes}
+        assert pitches == {*range(62, 68)}

@@ -95,6 +95,9 @@ def test_its_commands_are_the_same_where_observations_are_rounded_otherwise(file
         action, _ = pianist.predict(observation)
         np.testing.assert_array_equal(pianist.predict(observation + rounding)[0], action)
         observation, _, _, ended, _ = env.step(action)
+        been = pianist._trackers.of(env).positions(observation[joints])
+        planned_for = pianist.plan().positions[min(env.steps_played, len(env.roll) - 1)]
+        assert ended or np.array_equal(been, planned_for), "to the bit, as it was found"
 
 
 @pytest.mark.slow

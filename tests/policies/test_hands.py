@@ -189,6 +189,8 @@ def test_critics_may_learn_faster_than_the_actor(name, tmp_path):
         model.learning_starts, model.policy_delay = 62, 1
     before = {part: p.detach().clone() for part, p in model.policy.named_parameters()}
     model.learn(64 if name == "ppo" else 63)  # one update
+    optimizer = (model.policy if name == "ppo" else model.critic).optimizer
+    assert {group["lr"] for group in optimizer.param_groups} == {model.learning_rate}, "as before"
     moved = {part: _moved(p, before[part]) for part, p in model.policy.named_parameters()}
     # Adam's first step is about as long as the learning rate, whatever the gradient.
     for part, distance in moved.items():

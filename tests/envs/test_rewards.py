@@ -79,10 +79,11 @@ def test_a_restored_state_knows_what_was_struck(twinkle):
     env, actions = twinkle
     env.reset(seed=0)
     played(env, actions, 60)
-    state = env.get_state()
+    state, still_open = env.get_state(), env._record._open.copy()
     once = played(env, actions[60:])
     env.reset(seed=0)
     env.set_state(state)
+    assert env._record._open._times == still_open._times != OpenOnsets(env.roll)._times
     again = played(env, actions[60:])
     assert once[:2] == again[:2]
     assert once[2]["return_strike"] == again[2]["return_strike"]

@@ -25,7 +25,7 @@ LINES = {
     "callbacks": 2_770,
     "cli": 3_203,
     "demonstrations": 1_505,
-    "envs": 3_300,
+    "envs": 3_280,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 962,

@@ -19,13 +19,13 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_800,
+    "base": 1_790,
     "batch": 1_970,
     "buffers": 660,
     "callbacks": 2_770,
     "cli": 3_203,
     "demonstrations": 1_505,
-    "envs": 3_280,
+    "envs": 3_290,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 962,
@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_693
 TOTALS = {
     "core": {"lines": 48_400, "modules": 324, "names": 221},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_240},
+    "tests": {"lines": 42_280},
 }
 
 

@@ -39,7 +39,7 @@ LINES = {
     "reading": 913,
     "simulation": 1_102,
     "training": 6_229,
-    "tuning": 1_377,
+    "tuning": 1_375,
     "vec_env": 490,
     "viewing": 2_587,
     "wrappers": 2_050,
@@ -49,7 +49,7 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_693
+LONG_WORK_LINES = 3_691
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {

@@ -18,9 +18,6 @@ from sb3_piano.tuning.objective import RESULTS
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
 from sb3_piano.viewing.report.page import render
 
-MOST_TRIALS = 10
-"""Trials in the table of the best ones."""
-
 _CAVEAT = (
     "Values of few seeds are noisy, and the best of many trials was lucky as well as good:",
     "train with other seeds, and compare with the preset, before you believe it.",
@@ -98,7 +95,7 @@ def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) 
         repeated=len(study.get_trials(deepcopy=False)) - len(count),
         best=best,
         preset=trials.preset_trial(count),
-        best_trials=[(trial, settings(trial.params)) for trial in best[:MOST_TRIALS]],
+        best_trials=[(trial, settings(trial.params)) for trial in best[:10]],
         preset_settings=settings(config.preset_params()),
         results=RESULTS,
         failures=[(t.number, why) for t in count if (why := trials.failure_of(t))],

@@ -6,7 +6,6 @@ import os
 import platform
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import optuna
 from optuna.trial import FrozenTrial
@@ -105,8 +104,7 @@ def tune(
             # The settings of a lost trial are queued again, not its job.
             open_executor(None if ray else workers, ray, Resources(retries=0)) as executor,
         ):
-            options: Any = {"n_trials": n_trials, "n_workers": workers, "request": request}
-            interrupted = run_trials(study, job, executor, **options, progress=progress)
+            interrupted = run_trials(study, job, executor, n_trials, workers, request, progress)
         requeue_lost(study, job)
         from sb3_piano.tuning.report import write_best, write_report, write_table
 

@@ -25,7 +25,7 @@ from sb3_piano.links import make_folder
 from sb3_piano.tuning.objective import Objective
 from sb3_piano.tuning.storage import opened_store
 from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner, make_sampler
-from sb3_piano.tuning.trials import OWNER, counting, retry, summary
+from sb3_piano.tuning.trials import FAILURE, OWNER, counting, repeated, retry, summary
 
 MAX_DEATHS = 3
 """Deaths for each worker, since a trial ended by itself, after which a study is given up."""
@@ -44,7 +44,7 @@ class TrialJob:
     search: Search
 
     def __call__(self, name: str) -> None:
-        """Ask for one trial, run it and tell; if it is interrupted, queue its settings again."""
+        """Run one trial; in a database, queue its settings again if it is interrupted."""
         make_folder(self.folder.workers_dir)
         log_file = self.folder.workers_dir / f"{platform.node()}-{os.getpid()}.log"
         with log_file.open("ab") as log:
@@ -64,7 +64,7 @@ class TrialJob:
                 study.optimize(objective, n_trials=1, catch=(Exception,), gc_after_trial=True)
             except KeyboardInterrupt:
                 for trial in study.get_trials(states=(TrialState.FAIL,)):
-                    if trial.user_attrs.get(OWNER) == name:
+                    if trial.user_attrs.get(OWNER) == name and self.storage is not None:
                         retry(study, trial)
                 raise
 
@@ -73,7 +73,6 @@ def run_trials(
     study: optuna.Study,
     job: TrialJob,
     executor: Executor,
-    *,
     n_trials: int,
     n_workers: int,
     request: StopRequest,
@@ -94,8 +93,7 @@ def run_trials(
         running = [trial for trial in trials if trial.state is TrialState.RUNNING]
         elsewhere = [t for t in running if t.user_attrs.get(OWNER) not in busy.values()]
         finished = sum(trial.state.is_finished() for trial in trials)
-        described = summary(trials, job.config.value_name)
-        progress.update(bar, completed=finished, description=described)
+        progress.update(bar, completed=finished, description=summary(trials, job.config.value_name))
         left = max(n_trials, len(trials)) - finished - len(elsewhere)
         for _ in range(min(n_workers, left) - len(busy)):
             name = secrets.token_hex(4)
@@ -121,14 +119,19 @@ def run_trials(
 
 
 def requeue_lost(study: optuna.Study, job: TrialJob, busy: Collection[str] = ()) -> None:
-    """Queue trials of a journal again whose process is gone: that of none of the busy jobs.
+    """Queue trials of a journal again whose process is gone, or that ended without a reason.
 
-    In a database Optuna does so, as their heartbeats are missing.
+    Those that run belong to none of the busy jobs. In a database Optuna queues them again, as their
+    heartbeats are missing.
     """
-    for trial in study.get_trials(states=(TrialState.RUNNING,)):
-        owner = trial.user_attrs.get(OWNER)
+    trials = study.get_trials() if job.storage is None else []
+    again = repeated(trials)
+    for trial in trials:
+        owner, is_failed = trial.user_attrs.get(OWNER), trial.state is TrialState.FAIL
         is_run = owner in busy or (owner is None and bool(busy))  # it has just begun
-        if job.storage is None and not is_run:
+        if trial.state is TrialState.RUNNING and not is_run:
             with contextlib.suppress(ValueError, UpdateFinishedTrialError):  # it has just ended
                 study.tell(trial.number, state=TrialState.FAIL)
                 retry(study, trial)
+        elif is_failed and FAILURE not in trial.user_attrs and trial.number not in again:
+            retry(study, trial)

@@ -97,6 +97,13 @@ def fail(study, reason=None, config=CONFIG):
     return study.tell(trial, state=TrialState.FAIL)
 
 
+def lose(study, config=CONFIG):
+    """Run a trial whose process goes, and queue its settings again."""
+    trial = begin(study, config)
+    trial.report(0.5, 200)
+    trials.retry(study, study.tell(trial, state=TrialState.FAIL))
+
+
 def finished_study(config=CONFIG, n_complete=24):
     """A study with trials of all kinds, the preset's first."""
     study = new_study()

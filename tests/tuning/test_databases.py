@@ -13,6 +13,7 @@ import small_study
 import sqlalchemy
 from optuna.trial import TrialState
 
+from sb3_piano.exceptions import RunError
 from sb3_piano.tuning import Search, StudyFolder, storage, tune
 from sb3_piano.tuning.storage import open_study, opened_store
 from sb3_piano.tuning.trials import OWNER
@@ -108,6 +109,18 @@ def test_a_study_goes_on_after_the_server_was_away_and_its_trial_as_well(databas
 
     states, _ = run_meanwhile(tmp_path, database_url, shut)
     assert states == [TrialState.COMPLETE]
+
+
+def test_a_server_that_stays_away_is_given_up(database_url, tmp_path, monkeypatch):
+    monkeypatch.setattr(storage, "PATIENCE", 0.1)
+
+    def lose() -> None:
+        with opened_store(database_url, StudyFolder(tmp_path)) as store:
+            let_in(database_url, False)
+            optuna.get_all_study_names(store)
+
+    with pytest.raises(RunError, match="any more: .*: when it is back, the same command goes on"):
+        lose()
 
 
 def test_the_result_of_a_trial_that_was_given_away_is_not_taken(database_url, tmp_path):

@@ -23,6 +23,7 @@ from finished_study import (
     complete_preset,
     fail,
     finished_study,
+    lose,
     new_study,
     prune,
     study_config,
@@ -30,13 +31,11 @@ from finished_study import (
 from fresh_python import run_python
 from html_page import Page
 from optuna.distributions import FloatDistribution
-from optuna.trial import TrialState
 from stable_baselines3 import SAC
 
 from sb3_piano.cli import main
 from sb3_piano.tuning.report import write_best, write_report, write_table
 from sb3_piano.tuning.study import StudyFolder
-from sb3_piano.tuning.trials import retry
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -46,11 +45,6 @@ def folder(tmp_path):
     place = tmp_path / "a study"
     place.mkdir()
     return StudyFolder(place)
-
-
-def lose(study, config=CONFIG):
-    """Run a trial whose process goes, and queue its settings again."""
-    retry(study, study.tell(begin(study, config), state=TrialState.FAIL))
 
 
 # The best settings.

@@ -10,6 +10,7 @@ from finished_study import (
     complete_preset,
     fail,
     finished_study,
+    lose,
     new_study,
     prune,
 )
@@ -24,7 +25,6 @@ from sb3_piano.tuning.trials import (
     failure_of,
     preset_trial,
     repeated,
-    retry,
     summary,
 )
 
@@ -32,13 +32,6 @@ from sb3_piano.tuning.trials import (
 @pytest.fixture
 def study():
     return new_study()
-
-
-def lose(study):
-    """Run a trial whose process goes, and queue its settings again."""
-    trial = begin(study)
-    trial.report(0.5, 200)
-    retry(study, study.tell(trial, state=TrialState.FAIL))
 
 
 def test_settings_of_a_trial_whose_process_was_gone_are_queued_with_its_origin(study, recwarn):

@@ -97,3 +97,10 @@ def test_a_finger_moves_early_only_if_no_other_one_holds_the_hand_far_away():
     assert near.weight[16, 4].any()
     assert not far.weight[:19, 4].any()
     assert far.weight[19:25, 4].all()
+
+
+def test_a_finger_goes_to_its_next_key_only_after_the_one_before():
+    one, other = held(C4, 0, 8, 9), held(C4 + 2, 0, 13, 14)
+    alone, both = frames_of([one]), frames_of([one, other])
+    np.testing.assert_array_equal(both.target[:11, 0], alone.target[:11, 0])
+    assert (both.target[11:15, 0, 1] > alone.target[9, 0, 1]).all()

@@ -171,3 +171,9 @@ def test_whoever_hurries_loses_less_sound_but_never_gains_any(sign):
         hurried, later = time_presses(presses, sign, hurry=hurry)
         assert presses[0].last - hurried.last == expected
         assert (hurried.leaps, later.leapt) == (True, True)
+
+
+def test_a_hand_leaps_from_the_last_note_before_and_from_none_earlier():
+    places = ((0, 0, 1, 5), (1, 1, 6, 9), (20, 0, 10, 30))
+    presses = [Press(WHITE[MIDDLE + at], finger, *states) for at, finger, *states in places]
+    assert [one.leaps for one in time_presses(presses, 1)] == [False, True, False]

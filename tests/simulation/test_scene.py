@@ -84,6 +84,15 @@ def test_the_boxes_of_pressed_keys_lie_where_pressed_keys_are():
     )
 
 
+def test_fingers_press_keys_where_robopianists_do_before_the_middle_and_over_the_top():
+    scene = compile_scene()
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_kinematics(scene.model, data)
+    half = scene.model.geom_size[scene.key_geom]
+    offset = scene.press_point(data, np.arange(88)) - data.geom_xpos[scene.key_geom]
+    np.testing.assert_allclose(offset, half * [0.35, 0.0, 0.5], atol=1e-12)
+
+
 @pytest.mark.parametrize("reduced", [True, False])
 def test_actuators_are_where_the_joints_that_they_drive_are(reduced):
     scene = compile_scene(reduced_action_space=reduced)

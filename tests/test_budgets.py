@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_691
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_400, "modules": 324, "names": 221},
+    "core": {"lines": 48_392, "modules": 324, "names": 221},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_280},
+    "tests": {"lines": 42_271},
 }
 
 

@@ -84,15 +84,12 @@ def test_it_sounds_in_the_middle_of_the_keyboard_for_a_while_with_both_hands(sco
     assert {note.hand for note in score.notes} == {"right", "left"}
 
 
-def test_the_encores_last_twenty_seconds_and_leave_fingers_to_be_found():
+def test_the_encores_last_twenty_seconds_and_leave_fingers_to_be_found_and_are_in_no_corpus():
     assert len(ENCORE) >= 12
     for piece in ENCORE.values():
         score = piece.score()
         assert 20 <= score.duration <= 45, piece.name
         assert not score.has_fingering
-
-
-def test_no_corpus_is_made_of_the_encores():
     with pytest.raises(ConfigError, match="Unknown source 'encore'"):
         Corpus(sources={"encore": 1})
 
@@ -121,15 +118,14 @@ def test_no_finger_strikes_a_key_before_it_has_left_the_last_one(fingered):
             assert note.offset < following.onset, (note, following)
 
 
-def test_no_key_is_struck_while_it_is_down(score):
+@pytest.mark.parametrize("factor", [1.0, 1.5, 2.0])
+def test_no_key_is_struck_while_it_is_down_in_control_steps_neither_and_fingers_have_one_key(
+    score, factor
+):
     for pitch in {note.pitch for note in score.notes}:
         notes = [note for note in score.notes if note.pitch == pitch]
         for note, following in itertools.pairwise(notes):
             assert note.offset <= following.onset, (note, following)
-
-
-@pytest.mark.parametrize("factor", [1.0, 1.5, 2.0])
-def test_in_control_steps_each_note_is_a_strike_and_each_finger_has_one_key(score, factor):
     roll = PianoRoll.from_score(score.stretch(factor), 0.05)
     assert np.count_nonzero(roll.onset) == len(score.notes)
     for finger in range(10):

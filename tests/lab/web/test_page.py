@@ -339,22 +339,3 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(address, opened):
     page.wait_for_function("opened.steps().played > 0")
     page.tap("#play")
     assert page.locator("#play").get_attribute("aria-label") == "Play"
-
-
-def test_rates_of_this_machine(tab, tell):
-    timed = """async count => {
-      const start = performance.now();
-      await count();
-      return performance.now() - start;
-    }"""
-    tab.load(MELODY, "sight-reader")
-    steps = tab.page.evaluate(f"({timed})(() => opened.advance(100))")
-    frames = tab.page.evaluate(
-        f"""({timed})(() => {{
-          opened.draw(10);
-          const gl = document.getElementById("scene").getContext("webgl2");
-          gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
-        }})"""
-    )
-    assert tab.steps()[0] == 100
-    tell(f"page: {1e5 / steps:.0f} control steps/s, {1e4 / frames:.1f} pictures/s")

@@ -68,7 +68,7 @@ def test_a_major_scale_is_robovirtuosos_15_quarter_notes_a_hand(name):
         assert {note.duration for note in notes} == {0.75}
 
 
-def test_a_piece_says_what_it_is():
+def test_a_piece_says_what_it_is_and_survives_pickling():
     piece = SCALES["scale-BbMajor"]
     assert piece.title == "B flat major scale"
     assert (piece.collection, piece.fingering) == ("scale", "standard")
@@ -76,6 +76,7 @@ def test_a_piece_says_what_it_is():
     assert set(piece.options) == {"tempo", "hands", "repeats", "octaves"}
     assert SCALES["scale-FSharpHarmonicMinor"].title == "F sharp harmonic minor scale"
     assert SCALES["scale-Chromatic"].title == "Chromatic scale"
+    assert pickle.loads(pickle.dumps(piece.build))(tempo=90) == piece.score(tempo=90)
 
 
 def test_the_tempo_is_quarter_notes_a_minute():
@@ -116,11 +117,6 @@ def test_octaves_go_as_far_as_the_keyboard(name, options, most):
 def test_a_bad_option_is_refused_with_what_was_expected(option, value, message):
     with pytest.raises(ConfigError, match=message):
         SCALES["scale-CMajor"].score(**{option: value})
-
-
-def test_pieces_survive_pickling():
-    piece = SCALES["scale-FMajor"]
-    assert pickle.loads(pickle.dumps(piece.build))(tempo=90) == piece.score(tempo=90)
 
 
 def test_an_arpeggio_is_two_bars_of_quarter_notes_at_80_with_the_options_of_a_scale():

@@ -38,8 +38,8 @@ LINES = {
     "policies": 1_580,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_229,
-    "tuning": 1_375,
+    "training": 6_290,
+    "tuning": 1_389,
     "vec_env": 490,
     "viewing": 2_587,
     "wrappers": 2_050,
@@ -49,13 +49,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_691
+LONG_WORK_LINES = 3_705
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_392, "modules": 324, "names": 221},
+    "core": {"lines": 48_467, "modules": 324, "names": 221},
     "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_271},
+    "tests": {"lines": 42_354},
 }
 
 

@@ -129,7 +129,7 @@ def _default_name(arguments: argparse.Namespace, config: StudyConfig) -> str:
 
 
 def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace) -> None:
-    from sb3_piano.tuning.report import train_command
+    from sb3_piano.tuning.report import commands_of
     from sb3_piano.tuning.storage import shown_url
     from sb3_piano.tuning.trials import failure_of, preset_trial, summary
 
@@ -152,4 +152,5 @@ def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace
     if result.interrupted:
         print("Interrupted: the same command goes on.")
     elif result.best is not None:
-        print(f"Train:      {train_command(config, folder)}")
+        for name, command in commands_of(result.study, config, folder).items():
+            print(f"{name + ':':<11} {command}")

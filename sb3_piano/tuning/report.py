@@ -12,7 +12,7 @@ from optuna import visualization as plots
 from optuna.importance import PedAnovaImportanceEvaluator
 
 from sb3_piano.files import write_csv, write_text
-from sb3_piano.training.configuration.entries import with_settings, write_entry
+from sb3_piano.training.configuration.entries import train_commands, with_settings, write_entry
 from sb3_piano.tuning import trials
 from sb3_piano.tuning.objective import RESULTS
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
@@ -24,29 +24,29 @@ _CAVEAT = (
 )
 
 
-def train_command(config: StudyConfig, folder: StudyFolder) -> str:
-    """Return the command that trains with the best settings."""
-    played = ["--algo", config.algo, "--env", config.env_id]
-    return shlex.join(["sb3-piano", "train", *played, "--config", str(folder.best_file)])
+def commands_of(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> dict[str, str]:
+    """Return the commands that train with the best settings, ours and that of stock RL Zoo."""
+    for best in trials.best_first(trials.counting(study))[:1]:
+        entry = with_settings(config.entry, config.space.settings(best.params))
+        return train_commands(config.algo, config.env_id, folder.best_file, entry)
+    return {}
 
 
 def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> None:
-    """Write the entry with the best settings, if a trial is complete, and what they are.
-
-    RL Zoo trains with it, too, if it can with the entry from which the study departs.
-    """
+    """Write the entry with the best settings, if a trial is complete, and what they are."""
     count = trials.counting(study)
     for best in trials.best_first(count)[:1]:
         write_entry(
             folder.best_file,
+            config.algo,
             config.env_id,
             with_settings(config.entry, config.space.settings(best.params)),
             [
                 f"Trial {best.number}, the best of {len(count)} of the study {study.study_name!r}: "
                 f"{config.value_name} {best.value}, from the seeds {list(config.seeds)}.",
                 *_CAVEAT,
-                train_command(config, folder),
-                "n_timesteps is that of the trials; for longer trainings: --steps N.",
+                *commands_of(study, config, folder).values(),
+                "n_timesteps is that of the trials; to train longer: --steps N, in RL Zoo -n N.",
             ],
         )
 
@@ -101,7 +101,7 @@ def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) 
         failures=[(t.number, why) for t in count if (why := trials.failure_of(t))],
         figures=_figures(study, config.value_name),
         commands=[
-            *([("Train", train_command(config, folder))] if best else []),
+            *commands_of(study, config, folder).items(),
             ("Look closer", f"optuna-dashboard {store}"),
         ],
     )

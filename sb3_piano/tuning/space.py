@@ -19,11 +19,11 @@ from optuna.trial import BaseTrial, create_trial
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names, one_line
-from sb3_piano.settings import number_in
+from sb3_piano.settings import Count, NotNegative, Positive, Share, checked, number_in
 from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.entries import setting_at, with_settings
 from sb3_piano.training.configuration.names import algorithm_class
-from sb3_piano.training.configuration.values import coerce, parameters_of, plain
+from sb3_piano.training.configuration.values import coerce, linear_start, parameters_of, plain
 from sb3_piano.training.configuration.yaml_files import entry_config, read_yaml_mapping
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
@@ -267,6 +267,15 @@ def load_space(sources: Sequence[str | os.PathLike[str]], algo: str) -> Space:
     return Space(parameters)
 
 
+# Arguments of SB3's algorithms that these take without a look, and then learn nothing.
+_NEEDS: Mapping[str, Any] = {
+    **dict.fromkeys(("gamma", "tau", "gae_lambda"), Share),
+    **dict.fromkeys(("learning_rate", "clip_range", "max_grad_norm"), Positive),
+    **dict.fromkeys(("batch_size", "buffer_size", "n_steps", "n_epochs", "policy_delay"), Count),
+    **dict.fromkeys(("learning_starts", "target_policy_noise", "target_noise_clip"), NotNegative),
+}
+
+
 def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) -> None:
     """Build environment and model of the entry, at both ends of all ranges, with every choice.
 
@@ -278,6 +287,11 @@ def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) 
         together = {name: ends[min(index, len(ends) - 1)] for name, ends in extremes.items()}
         settings = together if index >= 0 else {}  # what is wrong by itself is told first
         try:
+            for name, value in settings.items():
+                start = linear_start(value)
+                number = value if start is None else start
+                if name in _NEEDS and isinstance(number, int | float):
+                    checked(name, number, _NEEDS[name])
             _build(entry_config(algo, env_id, with_settings(entry, settings)).alone())
         except Exception as error:  # environments and algorithms may refuse values in any way
             of_ours = isinstance(error, SB3PianoError)

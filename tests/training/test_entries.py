@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import argparse
 import copy
+import shlex
+from pathlib import Path
 
 import pytest
 import yaml
+from rl_zoo3.utils import StoreDict
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import load_config, load_entry
-from sb3_piano.training.configuration.entries import setting_at, with_settings, write_entry
-from sb3_piano.training.configuration.yaml_files import entry_config
+from sb3_piano.training.configuration.entries import (
+    setting_at,
+    train_commands,
+    with_settings,
+    write_entry,
+    zoo_entry,
+)
+from sb3_piano.training.configuration.yaml_files import entry_config, read_yaml_mapping
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"
+JUDGE = "sb3_piano.callbacks.F1Callback"
 SCALE = "gymnasium.wrappers.RescaleAction"
 ENTRY = {"n_timesteps": 100, "policy": "MlpPolicy"}
 
@@ -126,43 +137,109 @@ def test_a_path_that_leads_nowhere_is_refused_by_name(entry, name, message):
         with_settings(entry, {name: 1})
 
 
-# Files of entries.
+# Files of entries, and the two commands that train with them.
 
 
 def write_and_read(tmp_path, algo, env_id, entry, comment=()):
     """Return the entry in the file, after it was checked to mean the same to us."""
     file = tmp_path / "entry.yml"
-    write_entry(file, env_id, entry, comment)
-    assert load_config(algo, env_id, file) == entry_config(algo, env_id, entry)
+    write_entry(file, algo, env_id, entry, comment)
+    _, left_out = zoo_entry(algo, env_id, entry)
     ((_, written),) = yaml.safe_load(file.read_text()).items()
-    assert list(written) == list(entry)
+    again = entry_config(algo, env_id, {**written, **left_out})
+    assert again == entry_config(algo, env_id, entry)
+    if not left_out:
+        assert load_config(algo, env_id, file) == again
+    assert list(written) == [name for name in entry if name not in left_out]
     return written
 
 
 @pytest.mark.parametrize("algo", PRESETS)
-def test_presets_are_written_as_rl_zoo_reads_them_changed_ones_too(algo, tmp_path):
-    entry = load_entry(algo, ENV_ID)
-    assert write_and_read(tmp_path, algo, ENV_ID, entry) == entry
-    arch = {"policy_kwargs.net_arch": {"pi": [8], "qf": [8], "vf": [8]}}
-    written = write_and_read(tmp_path, algo, ENV_ID, with_settings(entry, arch))
-    assert "torch.nn" not in str(written["policy_kwargs"])  # text of a class that RL Zoo has not
+def test_presets_mean_the_same_when_written_changed_ones_too(algo, tmp_path):
+    for name in read_yaml_mapping(PRESETS[algo]):
+        env_id = ENV_ID if name == "default" else name
+        entry = load_entry(algo, env_id)
+        write_and_read(tmp_path, algo, env_id, entry)
+        arch = {"policy_kwargs.net_arch": {"pi": [8], "qf": [8], "vf": [8]}}
+        written = write_and_read(tmp_path, algo, env_id, with_settings(entry, arch))
+        assert "torch.nn" not in str(written["policy_kwargs"])  # a name that RL Zoo has not
 
 
 @pytest.mark.parametrize(
-    ("kwargs", "text"),
+    ("changes", "expected"),
     [
-        ("dict(n_critics=1, activation_fn=nn.ReLU)", "'n_critics': 1, 'activation_fn': nn.ReLU"),
+        ({"learning_rate": "1e-4"}, {"learning_rate": 0.0001}),
+        ({"learning_rate": "lin_3e-4"}, {"learning_rate": "lin_3e-4"}),
+        ({"env_kwargs": "dict(physics='fast')"}, {"env_kwargs": {"physics": "fast"}}),
+        ({"policy_kwargs": {"n_critics": 1}}, {"policy_kwargs": {"n_critics": 1}}),
         (
-            {"optimizer_class": "torch.optim.AdamW"},
-            "'optimizer_class': importlib.import_module('torch.optim').AdamW",
+            {"policy_kwargs": "dict(net_arch=[8], activation_fn=nn.ReLU)"},
+            {"policy_kwargs": "{'net_arch': [8], 'activation_fn': nn.ReLU}"},
         ),
-        ({"n_critics": 1}, None),
+        (
+            {"policy_kwargs": {"optimizer_class": "torch.optim.AdamW"}},
+            {"policy_kwargs": "{'optimizer_class': importlib.import_module('torch.optim').AdamW}"},
+        ),
+        (
+            {"monitor_kwargs": {"info_keywords": ["f1"], "allow_early_resets": False}},
+            {"monitor_kwargs": "{'info_keywords': ('f1',), 'allow_early_resets': False}"},
+        ),
+        ({"monitor_kwargs": {}}, {"monitor_kwargs": {}}),
+        ({"train_freq": (1, "episode")}, {"train_freq": [1, "episode"]}),
+        ({"callback": {JUDGE: None}}, {"callback": [JUDGE]}),
+        ({"env_wrapper": None}, {"env_wrapper": []}),
+        ({"noise_type": None, "noise_std": None}, {}),
+        ({"noise_type": "normal", "noise_std": "0.1"}, {"noise_type": "normal", "noise_std": 0.1}),
+        ({"normalize": "dict(norm_obs=False)"}, {"normalize": {"norm_obs": False}}),
     ],
 )
-def test_a_class_in_what_was_changed_is_text_that_rl_zoo_evaluates(kwargs, text, tmp_path):
-    entry = with_settings({**ENTRY, "policy_kwargs": kwargs}, {"policy_kwargs.net_arch": [8]})
-    found = write_and_read(tmp_path, "sac", ENV_ID, entry)["policy_kwargs"]
-    assert found == (f"{{{text}, 'net_arch': [8]}}" if text else {**kwargs, "net_arch": [8]})
+def test_every_key_is_written_as_rl_zoo_wants_it(changes, expected):
+    found, left_out = zoo_entry("sac", ENV_ID, {**ENTRY, **changes})
+    assert {name: found[name] for name in changes if name in found} == expected
+    assert left_out == {}
+
+
+def test_a_policy_is_always_written_as_rl_zoo_has_no_default():
+    assert zoo_entry("sac", ENV_ID, {"n_timesteps": 100})[0]["policy"] == "MlpPolicy"
+
+
+def test_what_rl_zoo_does_not_know_is_left_out_named_and_an_option_of_ours(tmp_path):
+    own = {"vec_env": "threads", "num_threads": 2, "device": "cpu", "seed": 7}
+    written = write_and_read(tmp_path, "sac", ENV_ID, {**ENTRY, "n_envs": 2, **own})
+    assert written == {**ENTRY, "n_envs": 2}
+    file = tmp_path / "entry.yml"
+    left_out = "no such key: vec_env: threads, num_threads: 2, device: cpu, seed: 7.\n"
+    assert left_out in file.read_text()
+    ours = train_commands("sac", ENV_ID, file, {**ENTRY, **own})["Train"]
+    assert ours.endswith(f"--config {file} --vec-env threads --num-threads 2")
+
+
+def test_rl_zoos_own_parser_reads_the_arguments_of_the_environment():
+    kwargs = {
+        "score": 'it\'s a "study" of `rm` $HOME, C:\\x!.mid',
+        "n_steps_lookahead": 2,
+        "forearm_reward": False,
+        "reward_weights": {"energy": 0.5, "fingering": 1},
+    }
+    entry = {**ENTRY, "env_kwargs": kwargs}
+    commands = train_commands("sac", "RoboPianist-v0", Path("best.yml"), entry)
+    parser = argparse.ArgumentParser()
+    for option in ("--algo", "--env", "--gym-packages", "--conf-file"):
+        parser.add_argument(option)
+    parser.add_argument("--eval-env-kwargs", nargs="+", action=StoreDict)
+    words = shlex.split(commands["Train in RL Zoo"])
+    assert words[:3] == ["python", "-m", "rl_zoo3.train"]
+    found = parser.parse_args(words[3:])
+    assert found.eval_env_kwargs == kwargs
+    assert (found.algo, found.env, found.gym_packages) == ("sac", "RoboPianist-v0", "sb3_piano")
+
+
+def test_a_collection_of_pieces_has_no_command_in_rl_zoo():
+    own = {"pieces": ["scale-*Major", "hanon-01"]}
+    commands = train_commands("sac", "RoboPianist-v0", Path("best.yml"), {**ENTRY, **own})
+    assert list(commands) == ["Train"]
+    words = shlex.split(commands["Train"])
+    assert words[4:] == ["--pieces", *own["pieces"], "--config", "best.yml"]
 
 
 def test_whatever_is_in_a_comment_stays_there(tmp_path):

@@ -34,6 +34,7 @@ from optuna.distributions import FloatDistribution
 from stable_baselines3 import SAC
 
 from sb3_piano.cli import main
+from sb3_piano.training.configuration.entries import zoo_entry
 from sb3_piano.tuning.report import write_best, write_report, write_table
 from sb3_piano.tuning.study import StudyFolder
 
@@ -58,7 +59,7 @@ def test_the_file_of_the_best_settings_has_them_in_the_entrys_order(folder):
     assert name == ENV_ID
     assert list(found) == list(ENTRY)
     assert found == {
-        **ENTRY,
+        **zoo_entry("sac", ENV_ID, ENTRY)[0],
         **{name: best[name] for name in ("learning_rate", "gamma", "batch_size")},
         "policy_kwargs": {"net_arch": best["policy_kwargs.net_arch"]},
     }
@@ -97,11 +98,15 @@ def test_sac_has_the_same_first_500_steps_in_ours_and_in_the_stock_zoo(folder, t
     for value in (0.4, 0.5):
         complete(study, value, config)
     write_best(study, config, folder)
-    (command,) = re.findall("^# (sb3-piano train .*)", folder.best_file.read_text(), re.MULTILINE)
+    ours_in_it, theirs_in_it = (
+        shlex.split(command)
+        for command in re.findall(
+            "^# ((?:sb3-piano|python -m) .*)", folder.best_file.read_text(), re.MULTILINE
+        )
+    )
     ours, more = tmp_path / "ours", ["--seed", "0", "--no-progress", "--run"]
-    assert main([*shlex.split(command)[1:], *more, str(ours)]) == 0
-    zoo = ["-m", "rl_zoo3.train", "--algo", "sac", "--env", ENV_ID, "--gym-packages", "sb3_piano"]
-    zoo += ["--conf-file", str(folder.best_file), "--seed", "0", "--eval-freq", "-1"]
+    assert main([*ours_in_it[1:], *more, str(ours)]) == 0
+    zoo = [*theirs_in_it[1:], "--seed", "0", "--eval-freq", "-1"]
     done = run_python([*zoo, "--log-folder", str(tmp_path / "zoo")], tmp_path)
     assert done.returncode == 0, done.stderr
     (theirs,) = (tmp_path / "zoo").glob("*/*_1")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,17 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import dump_yaml, write_text
 from sb3_piano.training.configuration.names import full_name, import_name, is_dotted, registered_id
 from sb3_piano.training.configuration.plugins import parse_plugins
-from sb3_piano.training.configuration.values import coerce_mapping, plain
+from sb3_piano.training.configuration.values import coerce_mapping
+from sb3_piano.training.configuration.yaml_files import entry_config
 
 _WRAPPERS = "env_wrapper"
 _EVALUATED = ("policy_kwargs", "replay_buffer_class", "replay_buffer_kwargs")
 """Where RL Zoo evaluates text, which is the only way to write a class there."""
+_PLUGINS = ("env_wrapper", "vec_env_wrapper", "callback")
+_OPTIONS = ("vec_env", "num_threads", "matmul_precision")
+"""Settings that are options of our command."""
+# RL Zoo hands every key that it does not know to the algorithm, and these itself.
+_NOT_IN_ZOO = ("seed", "device", "verbose", "pieces", *_OPTIONS)
 
 
 def setting_at(entry: Mapping[str, Any], name: str, default: Any = None) -> Any:
@@ -84,24 +91,79 @@ def _by_class(entry: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
     return found
 
 
-def write_entry(file: Path, env_id: str, entry: Mapping[str, Any], comment: Iterable[str]) -> None:
-    """Write a YAML file for ``sb3-piano train --config``, with lines of comment above the entry.
+def zoo_entry(
+    algo: str, env_id: str, entry: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return an entry as stock RL Zoo reads it, and the keys with values that it does not know.
 
-    RL Zoo reads it (``--conf-file``) if it reads the entry: what :func:`with_settings` turned into
-    mappings with classes becomes text again.
+    Numbers are written as numbers, ``env_kwargs`` as a mapping, and mappings with classes as text
+    that RL Zoo evaluates. The order of the keys stays.
+
+    Raises:
+        ConfigError: If a setting is not valid.
     """
-    written = plain(entry, "entry")
-    written |= {name: _zoo_form(written[name]) for name in _EVALUATED if name in written}
+    mapping = entry_config(algo, env_id, entry).to_mapping()
+    values = {**mapping, **mapping["algorithm_kwargs"]}
+    written, left_out = {}, {}
+    for name in dict.fromkeys((*entry, "policy")):  # which has no default there
+        if name in _NOT_IN_ZOO:
+            left_out[name] = entry[name]  # as it is written: a collection may have many pieces
+        elif values[name] is not None or not name.startswith("noise_"):
+            written[name] = _zoo_form(name, values[name])
+    return written, left_out
+
+
+def train_commands(algo: str, env_id: str, file: Path, entry: Mapping[str, Any]) -> dict[str, str]:
+    """Return the commands that train with an entry in a file: ours, and that of stock RL Zoo.
+
+    There is none for RL Zoo if the entry has ``pieces``: it would play the environment's own.
+    """
+    written, left_out = zoo_entry(algo, env_id, entry)
+    module, name = registered_id(env_id)
+    ours = ["sb3-piano", "train", "--algo", algo]
+    pieces = left_out.get("pieces")
+    several = [pieces] if isinstance(pieces, str) else map(str, pieces or ())
+    ours += ["--pieces", *several] if pieces else ["--env", env_id]
+    ours += ["--config", str(file)]
+    for option in _OPTIONS:
+        if left_out.get(option) is not None:
+            ours += [f"--{option.replace('_', '-')}", str(left_out[option])]
+    if pieces:
+        return {"Train": shlex.join(ours)}
+    zoo = ["python", "-m", "rl_zoo3.train", "--algo", algo, "--env", name]
+    zoo += ["--gym-packages", module or "sb3_piano", "--conf-file", str(file)]
+    if written.get("env_kwargs"):  # which RL Zoo does not hand to its evaluations
+        zoo += ["--eval-env-kwargs", *(f"{k}:{v!r}" for k, v in written["env_kwargs"].items())]
+    return {"Train": shlex.join(ours), "Train in RL Zoo": shlex.join(zoo)}
+
+
+def write_entry(
+    file: Path, algo: str, env_id: str, entry: Mapping[str, Any], comment: Iterable[str]
+) -> None:
+    """Write a YAML file that ``train --config`` and stock RL Zoo (``--conf-file``) read alike.
+
+    Above the entry stand lines of comment, and the keys that RL Zoo does not know, which are left
+    out.
+    """
+    written, left_out = zoo_entry(algo, env_id, entry)
+    lines = [*comment]
+    if left_out:
+        pairs = ", ".join(f"{name}: {value}" for name, value in left_out.items())
+        lines.append(f"Left out, as RL Zoo has no such key: {pairs}.")
     # Without a flow style, lists stand in one line.
     style: dict[str, Any] = {"default_flow_style": None, "width": 100, "allow_unicode": True}
     text = dump_yaml({registered_id(env_id)[1]: written}, **style)
-    write_text(file, "".join(f"# {' '.join(line.splitlines())}\n" for line in comment) + text)
+    write_text(file, "".join(f"# {' '.join(line.splitlines())}\n" for line in lines) + text)
 
 
-def _zoo_form(value: Any) -> Any:
-    """Return Python's text for a mapping with import paths of classes; all else as it is."""
+def _zoo_form(name: str, value: Any) -> Any:
+    """Return a setting as RL Zoo has it: wrappers by name, text where it evaluates text."""
+    if name in _PLUGINS:
+        return [plugin if kwargs else path for plugin in value for path, kwargs in plugin.items()]
+    if name == "monitor_kwargs" and value:  # Monitor wants tuples, which YAML does not have
+        return repr({k: tuple(v) if isinstance(v, list) else v for k, v in value.items()})
     text = _source(value)
-    return text if isinstance(value, Mapping) and text != repr(value) else value
+    return text if name in _EVALUATED and text != repr(value) else value
 
 
 def _source(value: Any) -> str:

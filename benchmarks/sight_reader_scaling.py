@@ -22,7 +22,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 from rich.console import Console
 
-from sb3_piano.lab.distillation import DEFAULT_FILE, DistillConfig, RoundResult, distill
+from sb3_piano.lab.distillation import DEFAULT_FILE, DistillConfig, distill
+from sb3_piano.lab.distillation.rounds import RoundResult
 
 PUBLISHED = {12: 0.09, 300: 0.40, 900: 0.55}
 """F1 by number of songs."""

@@ -21,8 +21,8 @@ import gymnasium as gym
 import torch
 
 from sb3_piano.envs import GENERAL_ID
-from sb3_piano.lab.bench import ENV_ID, Measurement, Row, Sample, measure
-from sb3_piano.lab.bench.workloads import training_measurement
+from sb3_piano.lab.bench.measurement import Measurement, Row, Sample, measure
+from sb3_piano.lab.bench.workloads import ENV_ID, training_measurement
 from sb3_piano.threads import torch_computing, usable_cores
 from sb3_piano.training import load_config
 

@@ -27,9 +27,9 @@ import numpy.typing as npt
 from gymnasium.vector import AsyncVectorEnv
 
 import sb3_piano  # noqa: F401  # registers the environments, also in other processes
-from sb3_piano.lab.bench import ENV_ID, Measurement, Row, Sample, measure
+from sb3_piano.lab.bench.measurement import Measurement, Row, Sample, measure
 from sb3_piano.lab.bench.playback import play_env, play_physics, record_controls
-from sb3_piano.lab.bench.workloads import UNIT, episode_actions
+from sb3_piano.lab.bench.workloads import ENV_ID, UNIT, episode_actions
 
 BASE = "mj_step, 1 process"
 SLOTS = (1, 2, 4, 8)

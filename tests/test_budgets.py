@@ -29,7 +29,7 @@ LINES = {
     "hyperparams": 30,
     "interop": 240,
     "jobs": 962,
-    "lab": 5_800,
+    "lab": 5_682,
     "metrics": 960,
     "music": 8_510,
     "pipelines": 1_354,
@@ -54,8 +54,8 @@ LONG_WORK_LINES = 3_705
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
     "core": {"lines": 48_467, "modules": 324, "names": 221},
-    "lab": {"lines": 5_800, "modules": 43, "names": 48},
-    "tests": {"lines": 42_354},
+    "lab": {"lines": 5_682, "modules": 43, "names": 23},
+    "tests": {"lines": 42_346},
 }
 
 

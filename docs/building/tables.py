@@ -17,7 +17,9 @@ from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS as DEFAULT
 from sb3_piano.envs.rewards import RETURN_PREFIX
 from sb3_piano.envs.rewards import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED
-from sb3_piano.lab.results import Result, Results, aggregate_table, origin_table, score_table
+from sb3_piano.lab.results import Results
+from sb3_piano.lab.results.records import Result
+from sb3_piano.lab.results.tables import aggregate_table, origin_table, score_table
 from sb3_piano.metrics import DEFINITIONS
 
 RESULTS = Path(__file__).parents[1] / "results"

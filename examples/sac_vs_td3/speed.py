@@ -14,7 +14,7 @@ import contextlib
 from cells import find_cells
 from rich import print as rich_print
 
-from sb3_piano.lab.bench import Measurement, Row, measure
+from sb3_piano.lab.bench.measurement import Measurement, Row, measure
 from sb3_piano.lab.bench.workloads import TRANSITIONS, training_measurement
 from sb3_piano.training import load_config
 

@@ -20,11 +20,10 @@ from stable_baselines3.common.utils import get_device
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.lab.bench.measurement import Measurement, Row, Sample, measure
+from sb3_piano.lab.bench.measurement import Measurement, Row, measure
 from sb3_piano.lab.bench.players import player_rows
 from sb3_piano.lab.bench.workloads import (
     ENV_ID,
-    PeerError,
     episode_actions,
     memory_rows,
     open_peer,
@@ -34,18 +33,7 @@ from sb3_piano.lab.bench.workloads import (
 )
 from sb3_piano.threads import processor_name, torch_computing, usable_cores
 
-__all__ = [
-    "ENV_ID",
-    "PARTS",
-    "BenchReport",
-    "Measurement",
-    "PeerError",
-    "Row",
-    "Sample",
-    "measure",
-    "render",
-    "run_bench",
-]
+__all__ = ["PARTS", "BenchReport", "render", "run_bench"]
 
 PARTS = ("simulation", "players", "learner", "memory")
 """Parts that can be measured."""

@@ -20,7 +20,8 @@ from sb3_piano.cli.common import (
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
-    from sb3_piano.lab.distillation import DistillResult, RoundResult
+    from sb3_piano.lab.distillation import DistillResult
+    from sb3_piano.lab.distillation.rounds import RoundResult
 
 _SET_HELP = (
     "a setting in place of the file's, such as rounds.0.epochs=3, improvements=[] or "

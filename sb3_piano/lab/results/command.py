@@ -146,8 +146,9 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _table(arguments: argparse.Namespace) -> int:
-    from sb3_piano.lab.results import Results, aggregate_table, origin_table, score_table
+    from sb3_piano.lab.results import Results
     from sb3_piano.lab.results.records import physics_named
+    from sb3_piano.lab.results.tables import aggregate_table, origin_table, score_table
 
     physics = physics_named(arguments.physics)
     found = [r for r in Results.read(arguments.file).results if r.physics == physics]

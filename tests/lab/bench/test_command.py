@@ -15,7 +15,8 @@ from rich.console import Console
 import sb3_piano.lab.bench
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoVectorEnv
-from sb3_piano.lab.bench import BenchReport, Row, players, render, workloads
+from sb3_piano.lab.bench import BenchReport, players, render, workloads
+from sb3_piano.lab.bench.measurement import Row
 
 
 @pytest.fixture(autouse=True)

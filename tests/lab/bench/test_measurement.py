@@ -2,7 +2,7 @@
 
 import pytest
 
-from sb3_piano.lab.bench import Measurement, Sample, measure
+from sb3_piano.lab.bench.measurement import Measurement, Sample, measure
 
 
 def scripted(name, rates, ratios=None, after=lambda: None):

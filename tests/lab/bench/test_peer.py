@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sb3_piano.lab.bench import PeerError, playback, workloads
-from sb3_piano.lab.bench.workloads import PEER_INSTALL, open_peer
+from sb3_piano.lab.bench import playback, workloads
+from sb3_piano.lab.bench.workloads import PEER_INSTALL, PeerError, open_peer
 
 ACTIONS = np.array([[0.5, -1.0], [0.25, 0.0]], dtype=np.float32)
 

@@ -15,7 +15,8 @@ from stable_baselines3 import SAC, TD3
 import sb3_piano
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.envs import PianoEnv
-from sb3_piano.lab.bench import ENV_ID, workloads
+from sb3_piano.lab.bench import workloads
+from sb3_piano.lab.bench.workloads import ENV_ID
 
 STEPS = 3
 CLASSES = {"sac": SAC, "td3": TD3, "tqc": TQC}

@@ -21,12 +21,8 @@ from sb3_piano.demonstrations.shards import find_shard
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError, UnknownPieceError
 from sb3_piano.hyperparams import SIGHT_READER
-from sb3_piano.lab.distillation import (
-    DEFAULT_FILE,
-    DistillConfig,
-    TeacherSettings,
-    distill,
-)
+from sb3_piano.lab.distillation import DEFAULT_FILE, DistillConfig, distill
+from sb3_piano.lab.distillation.config import TeacherSettings
 from sb3_piano.lab.distillation.distill import _check_files
 from sb3_piano.lab.distillation.rollout import hands_env, play_excerpt
 from sb3_piano.lab.distillation.rounds import held_out_pieces

@@ -19,21 +19,15 @@ from sb3_piano.cli.main import _parser
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import HELD_OUT
-from sb3_piano.lab.results import (
-    Estimate,
-    Result,
-    Results,
-    aggregate,
-    aggregate_table,
-    checking,
-    digest,
-    drawn,
-    held_out,
-    score_table,
-)
+from sb3_piano.lab.results import Results, checking, drawn, held_out
+from sb3_piano.lab.results.aggregates import aggregate
+from sb3_piano.lab.results.estimates import Estimate
 from sb3_piano.lab.results.measuring import is_generated, player_digest, score_digest, score_source
+from sb3_piano.lab.results.records import Result
+from sb3_piano.lab.results.tables import aggregate_table, score_table
 from sb3_piano.music import load_score
 from sb3_piano.music.built_in import REPERTOIRE
+from sb3_piano.music.score import digest
 from sb3_piano.players.hand_model import SHIPPED
 
 tables = Tables(__file__)

@@ -110,7 +110,7 @@ def test_a_policy_that_was_trained_further_is_measured_again(driver, tmp_path, m
     example = driver("tree")
     steps, measured = 100, []
 
-    def evaluate(folder, score, tree):
+    def evaluate(player, score):
         measured.append(steps)
         mean = dict.fromkeys(("onset_f1", "f1", "effective_fingers", "return"), float(steps))
         found = {"num_timesteps": steps, "mean": mean, "tree": None}

@@ -133,8 +133,10 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
             scores, times_known = list(sources), not wrapper.draws_times
             break
     for wrapper in wrappers:  # the outermost acts first
+        # Also where all notes count: a part may be silent at the ends of a change of times.
+        changed = [extreme for score in scores for extreme in wrapper.extremes(score)]
         if times_known or not wrapper.cuts:
-            scores = [extreme for score in scores for extreme in wrapper.extremes(score)]
+            scores = changed
         times_known = times_known and not wrapper.draws_times
     return scores
 

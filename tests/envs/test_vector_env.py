@@ -160,8 +160,10 @@ def test_pictures_are_those_of_the_environments(make):
     pictures = envs.render()
     for picture, env in zip(pictures, singles, strict=True):
         env.reset(seed=0)
-        np.testing.assert_array_equal(picture, env.render())
+        # Another drawing context rounds a few pixels otherwise, now and then.
+        np.testing.assert_allclose(picture, env.render().astype(float), atol=9)
         env.close()
+    assert np.abs(pictures[0] - pictures[1].astype(float)).max() > 9
     envs.envs[1].data.qpos[envs.envs[1].scene.key_qpos] = 1.0
     left, right = envs.render()
     np.testing.assert_array_equal(left, pictures[0])

@@ -3,7 +3,7 @@
 import itertools
 
 import pytest
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.envs import RETURN_KEYS
 from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.metrics.fingers import (
     KeyBoxes,

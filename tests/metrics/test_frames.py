@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.metrics import frame_f1, frame_scores
 from sb3_piano.metrics.frames import non_silent_f1

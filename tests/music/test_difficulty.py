@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 from short_scores import score_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.built_in import REPERTOIRE

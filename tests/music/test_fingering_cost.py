@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from published_rules import PARNCUTT_HAND, PARNCUTT_WEIGHTS
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.fingering.cost import MAX_INTERVAL, CostTables, FingeringWeights

@@ -4,7 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score

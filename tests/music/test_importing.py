@@ -7,7 +7,7 @@ import time
 import pytest
 from short_scores import save_tune as save
 from short_scores import tune
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from random_scores import FINGERS, HANDS, scores
 from short_scores import score_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError

@@ -3,7 +3,7 @@
 import music21
 import pytest
 from short_scores import score_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.music import BUILT_IN, read_score, write_score
 from sb3_piano.music.formats.musicxml.tempo import likely_tempo

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from random_scores import FINGERS, HANDS, all_times, canonical, kept, scores
 from short_scores import note_of as note
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score, load_score, write_midi

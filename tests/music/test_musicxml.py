@@ -6,7 +6,7 @@ import zipfile
 
 import pytest
 from notation import Notation
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music import load_score

@@ -9,7 +9,7 @@ import pytest
 from printed import read_csv, rows_of
 from short_scores import save_tune as save
 from short_scores import score_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.music import BUILT_IN, load_score, pieces
 from sb3_piano.music.catalogue import of_collection

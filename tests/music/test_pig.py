@@ -1,7 +1,7 @@
 import pytest
 from hypothesis import given
 from random_scores import FINGERS, HANDS, scores
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music import Note, Score

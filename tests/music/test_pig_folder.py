@@ -7,7 +7,7 @@ import zipfile
 import gymnasium
 import pytest
 from short_scores import score_of, tune
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError, UnknownPieceError
 from sb3_piano.music import PianoRoll, load_score, write_midi

@@ -9,7 +9,7 @@ from drawn_presses import hand_presses
 from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import score_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS

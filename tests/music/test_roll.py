@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from short_scores import score_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import PianoRoll

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import finger_number

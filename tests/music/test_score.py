@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import note_of as note
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score

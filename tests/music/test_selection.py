@@ -2,7 +2,7 @@
 
 import pytest
 from short_scores import score_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano import exceptions
 from sb3_piano.exceptions import ConfigError

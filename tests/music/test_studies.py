@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.music import PianoRoll, load_score
 from sb3_piano.music.studies.debug import DEBUG, major_scale

@@ -5,7 +5,7 @@ import pytest
 from hearing import dominant_frequency, loudness, onsets_in
 from scipy.io import wavfile
 from short_scores import note_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Pedal, Score, synthesize, write_wav

@@ -2,7 +2,7 @@
 
 import mido
 import pytest
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.midi_reading import read_midi

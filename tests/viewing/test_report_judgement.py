@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from report_parts import C4, D4, long_performance, note, performance, resting
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.metrics.presses import wrong_presses
 from sb3_piano.viewing.report.judgement import Fate, Verdict, judge

@@ -5,7 +5,7 @@ import re
 import numpy as np
 from html_page import Page
 from report_parts import C4, metrics_of, note, performance, resting, three_notes
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.metrics.episode import FINGER_SHARES, has_value
 from sb3_piano.viewing.report import Curve, Report, report_html

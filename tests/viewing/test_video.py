@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hearing import loudness, onsets_in
 from short_scores import score_of
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError, RenderingError
 from sb3_piano.music import synthesize, write_wav

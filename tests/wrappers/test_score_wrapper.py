@@ -11,7 +11,7 @@ from playing_scores import melody, piano, played
 from random_scores import FINGERS, scores
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import Score
+from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import Excerpt, OctaveShift, PitchShift, RandomPiece, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
 
@@ -108,13 +108,21 @@ class TestPossibleScores:
         with contextlib.suppress(ScoreError):  # a part at the beginning may be silent
             env = Excerpt(env, start=start, length=length)
         for (wrapper, value), probability in outer:
-            env = wrapper(env, value, probability=probability)
+            with contextlib.suppress(ScoreError):  # which it may also be after a stretch
+                env = wrapper(env, value, probability=probability)
         ranges = [possible.pitch_range for possible in possible_scores(env)]
         lowest, highest = min(low for low, _ in ranges), max(high for _, high in ranges)
         random = np.random.default_rng(0)
         for _ in range(20):
             low, high = drawn_by(env, random).pitch_range
             assert lowest <= low <= high <= highest
+
+    def test_a_part_that_a_drawn_stretch_may_leave_silent_is_refused_before_any_episode(self):
+        late = Score(notes=[Note(onset=1.0, offset=2.0, pitch=60)])
+        part = Excerpt(piano(late), length=1.5)
+        assert possible_scores(TemporalStretch(part, (1.0, 1.4)))
+        with pytest.raises(ScoreError, match="No note .* is struck from 0.0 s to 1.5 s"):
+            TemporalStretch(part, (1.0, 2.0))
 
     def test_they_are_no_more_than_what_may_be_played(self):
         six = melody(60, 61, 62, 63, 64, 65, length=1.0)

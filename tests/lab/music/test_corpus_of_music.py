@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import Corpus

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from scipy import stats
-from tables import Tables
+from yaml_rows import Tables
 
 from sb3_piano import threads
 from sb3_piano.cli import main

@@ -42,7 +42,7 @@ LINES = {
     "tuning": 1_389,
     "vec_env": 490,
     "viewing": 2_587,
-    "wrappers": 2_050,
+    "wrappers": 2_051,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 3_705
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_469, "modules": 324, "names": 221},
+    "core": {"lines": 48_470, "modules": 324, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
     "tests": {"lines": 42_357},
 }

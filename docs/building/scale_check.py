@@ -105,7 +105,7 @@ def warm_up(executor: Executor) -> None:
 
 def imported(number: int) -> int:
     """Import what plays and trains."""
-    import sb3_piano.pipelines.performances
+    import sb3_piano.pipelines.corpus
     import sb3_piano.pipelines.training  # noqa: F401
 
     return number

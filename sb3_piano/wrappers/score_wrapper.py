@@ -132,12 +132,13 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
         if sources is not None:
             scores, times_known = list(sources), not wrapper.draws_times
             break
+    stretched = times_known  # at most: a drawn stretch has ends, a part that is drawn has none
     for wrapper in wrappers:  # the outermost acts first
-        # Also where all notes count: a part may be silent at the ends of a change of times.
-        changed = [extreme for score in scores for extreme in wrapper.extremes(score)]
-        if times_known or not wrapper.cuts:
-            scores = changed
+        if stretched or not wrapper.cuts:  # raises if a part may be silent
+            changed = [extreme for score in scores for extreme in wrapper.extremes(score)]
+            scores = changed if times_known or not wrapper.cuts else scores
         times_known = times_known and not wrapper.draws_times
+        stretched = stretched and not (wrapper.draws_times and wrapper.cuts)
     return scores
 
 

@@ -124,7 +124,7 @@ def test_anything_else_is_refused_with_the_part_that_is_wrong(text, message):
         ("sb3_piano.music.Corpus", "sb3_piano.lab.music.Corpus"),
         ("sb3_piano.music.corpus.HELD_OUT", "sb3_piano.lab.music.corpus.HELD_OUT"),
         ("sb3_piano.distillation.DistillConfig", "sb3_piano.lab.distillation.DistillConfig"),
-        ("sb3_piano.results.digest", "sb3_piano.lab.results.digest"),
+        ("sb3_piano.results.Results", "sb3_piano.lab.results.Results"),
     ],
 )
 def test_what_older_files_name_is_found_where_it_is_now(old, now):

@@ -39,23 +39,23 @@ LINES = {
     "reading": 913,
     "simulation": 1_102,
     "training": 6_290,
-    "tuning": 1_389,
+    "tuning": 1_390,
     "vec_env": 490,
     "viewing": 2_587,
-    "wrappers": 2_051,
+    "wrappers": 2_052,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_705
+LONG_WORK_LINES = 3_706
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_470, "modules": 324, "names": 221},
+    "core": {"lines": 48_472, "modules": 324, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_357},
+    "tests": {"lines": 42_358},
 }
 
 

@@ -272,6 +272,7 @@ _NEEDS: Mapping[str, Any] = {
     **dict.fromkeys(("gamma", "tau", "gae_lambda"), Share),
     **dict.fromkeys(("learning_rate", "clip_range", "max_grad_norm"), Positive),
     **dict.fromkeys(("batch_size", "buffer_size", "n_steps", "n_epochs", "policy_delay"), Count),
+    "train_freq": Count,
     **dict.fromkeys(("learning_starts", "target_policy_noise", "target_noise_clip"), NotNegative),
 }
 

@@ -132,13 +132,14 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
         if sources is not None:
             scores, times_known = list(sources), not wrapper.draws_times
             break
-    stretched = times_known  # at most: a drawn stretch has ends, a part that is drawn has none
+    # A drawn stretch has a fastest and a slowest form to look at; a drawn part may begin anywhere.
+    bounded = times_known
     for wrapper in wrappers:  # the outermost acts first
-        if stretched or not wrapper.cuts:  # raises if a part may be silent
+        if bounded or not wrapper.cuts:  # raises if a part may be silent
             changed = [extreme for score in scores for extreme in wrapper.extremes(score)]
             scores = changed if times_known or not wrapper.cuts else scores
         times_known = times_known and not wrapper.draws_times
-        stretched = stretched and not (wrapper.draws_times and wrapper.cuts)
+        bounded = bounded and not (wrapper.draws_times and wrapper.cuts)
     return scores
 
 

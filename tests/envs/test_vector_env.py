@@ -160,7 +160,7 @@ def test_pictures_are_those_of_the_environments(make):
     pictures = envs.render()
     for picture, env in zip(pictures, singles, strict=True):
         env.reset(seed=0)
-        # Another drawing context rounds a few pixels otherwise, now and then.
+        # Drawing contexts may round a few pixels differently.
         np.testing.assert_allclose(picture, env.render().astype(float), atol=9)
         env.close()
     assert np.abs(pictures[0] - pictures[1].astype(float)).max() > 9

@@ -377,6 +377,7 @@ def check(text, entry=None, algo="td3"):
         ("env_wrapper.TemporalStretch.factor: {float: [0, 1]}", ".*: factor is 0.0: expected "),
         ("env_wrapper.Stretch.x: {float: [1, 2]}", ".*: .*'sb3_piano.wrappers.Stretch'"),
         ("env_wrapper.TemporalStretch: {float: [1, 2]}", ".*: .* is no entry for env_wrapper"),
+        ("train_freq: {int: [0, 2]}", "'train_freq': 0}: train_freq is 0: expected "),
         ("gamma: {float: [0.9, 1.5]}", "'gamma': 1.5}: gamma is 1.5: expected "),
         ("'1 - gamma': {float: [0, 1]}", ".*: Unknown key '1 - gamma' of TD3"),
     ],

@@ -40,7 +40,7 @@ def test_every_picture_is_that_of_the_environments_render(view):
     env.close()
     assert recording.performance.key_active.any()
     assert len(drawn) == len(rendered) == len(env.roll) + 1
-    # Another drawing context rounds a few pixels otherwise, now and then.
+    # Drawing contexts may round a few pixels differently.
     np.testing.assert_allclose(drawn, np.asarray(rendered, float), atol=9)
 
 

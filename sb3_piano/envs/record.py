@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from typing import Any, NamedTuple
@@ -14,11 +15,10 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FingerArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.rewards import RETURN_PREFIX, strike
 from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.exceptions import EnvStateError
 from sb3_piano.metrics import Presses, frame_f1, presses_of
-from sb3_piano.metrics.episode import normalized_return
+from sb3_piano.metrics.episode import RETURN_PREFIX, normalized_return
 from sb3_piano.metrics.fingers import KeyBoxes, nearest_fingers
 from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
@@ -60,20 +60,22 @@ class EnvState:
     states that were saved without them."""
     simulation: str = ""
     """Options that the physics go by; empty in states that were saved without them."""
+    terms: str = ""
+    """Names of the reward terms as text; empty in states that were saved without them."""
 
-    def check(self, simulation: str, n_terms: int) -> None:
+    def check(self, simulation: str, terms: Sequence[str]) -> None:
         """Raise an EnvStateError if the state was not saved in an environment with equal options.
 
         Args:
             simulation: What :attr:`simulation` is there.
-            n_terms: Number of weighted reward terms there.
+            terms: Names of the reward terms there.
         """
         steps = len(self.key_active) if isinstance(self.key_active, np.ndarray) else 0
         arrays: dict[str, tuple[str, tuple[int, ...], Any]] = {
             "key_active": ("b", (steps, NUM_KEYS), self.key_active),
             "sustain": ("b", (steps,), self.sustain),
             "fingertips": ("f", (steps, NUM_FINGERS, 3), self.fingertips),
-            "returns": ("f", (n_terms,), self.returns),
+            "returns": ("f", (len(terms),), self.returns),
         }
         within = self.within if isinstance(self.within, Mapping) else {-1: None}
         first = next(iter(within.values()), None)
@@ -88,7 +90,7 @@ class EnvState:
             for name, (kind, expected, array) in arrays.items()
             if getattr(getattr(array, "dtype", None), "kind", "") != kind or array.shape != expected
         ]
-        plain = {"score": Score, "finished": bool, "pedal": Real, "simulation": str}
+        plain = {"score": Score, "finished": bool, "pedal": Real, "simulation": str, "terms": str}
         wrong += [name for name, kind in plain.items() if not isinstance(getattr(self, name), kind)]
         wrong += [] if "pedal" in wrong or 0 <= self.pedal <= 1 else ["pedal"]
         if wrong or not all(isinstance(step, Integral) and 0 <= step < steps for step in within):
@@ -96,16 +98,21 @@ class EnvState:
                 f"The state's {wrong[0] if wrong else 'within'} is none of an episode of {steps} "
                 "steps: expected a state of an environment with the same options."
             )
-        if self.simulation not in ("", simulation):
-            raise EnvStateError(
-                f"The state was saved with {self.simulation}, but here is {simulation}: expected a "
-                "state of an environment with the same options."
-            )
+        for saved, here in ((self.simulation, simulation), (self.terms, _told(terms))):
+            if saved not in ("", here):
+                raise EnvStateError(
+                    f"The state was saved with {saved}, but here is {here}: expected a state of an "
+                    "environment with the same options."
+                )
 
     @property
     def step(self) -> int:
         """Control steps that are over."""
         return len(self.key_active)
+
+
+def _told(terms: Sequence[str]) -> str:
+    return f"the reward terms {', '.join(terms)}"
 
 
 class Snapshot(NamedTuple):
@@ -142,33 +149,43 @@ class EpisodeRecord:
         self._speeds = np.zeros((0, NUM_KEYS))
         self._returns = [0.0] * len(goal.terms)
         self._open = OpenOnsets(goal.roll)
+        self.struck = (0, 0)
+        """Strikes of the step that was heard last: in time, and others."""
         # What is yet to be put into these and the returns, which is faster for many steps at once.
         self._key_angles: list[bytes] = []
-        self._weighted_terms: list[Iterable[float]] = []
+        self._weighted_terms: list[Sequence[float]] = []
 
     @property
     def steps(self) -> int:
         """Control steps that are over."""
         return len(self._sustain)
 
-    def strike_term(self, simulation: Simulation) -> float:
-        """Return the reward term of the strikes in a control step that is yet to be added.
+    def hear(self, simulation: Simulation) -> None:
+        """Count the strikes in a control step that is yet to be added.
 
         A strike is what the metrics take for one, and at the same time.
         """
+        self.struck = (0, 0)
         if simulation.sounding == self._sounding:
-            return 0.0
-        before, now = (np.frombuffer(s, dtype=bool) for s in (self._sounding, simulation.sounding))
-        struck = np.flatnonzero(now & ~before)
-        within = self._scene.sounding_at(simulation.key_angles)[None]
-        step = np.full(len(struck), self.steps)
-        times = (step + _shares(step, struck, step[:1], within)) * self._goal.roll.control_timestep
-        pairs = zip(struck.tolist(), times.tolist(), strict=True)
-        hits = sum(self._open.hit(key, time) for key, time in pairs)
-        return strike(hits, len(struck) - hits)
+            return
+        now, before = (int.from_bytes(each) for each in (simulation.sounding, self._sounding))
+        keys = list(itertools.compress(range(NUM_KEYS), (now & ~before).to_bytes(NUM_KEYS)))
+        hits = sum(self._is_hit(key, simulation) for key in keys)
+        self.struck = hits, len(keys) - hits
+
+    def _is_hit(self, key: int, simulation: Simulation) -> bool:
+        step, timestep = self.steps, self._goal.roll.control_timestep
+        # When within the step decides in few cases, and takes ten times as long to find out.
+        is_hit = self._open.hit_within(key, step * timestep, (step + 1) * timestep)
+        if is_hit is None:
+            within = self._scene.sounding_at(simulation.key_angles)[None]
+            steps = np.array([step])
+            share = _shares(steps, np.array([key]), steps, within)
+            is_hit = self._open.hit(key, ((steps + share) * timestep).item())
+        return is_hit
 
     def add(
-        self, simulation: Simulation, pedal_down: bool, weighted_terms: Mapping[str, float]
+        self, simulation: Simulation, pedal_down: bool, weighted_terms: Sequence[float]
     ) -> None:
         """Note down a control step, read at its end; terms are in the order of the goal's."""
         sounding = simulation.sounding
@@ -181,7 +198,7 @@ class EpisodeRecord:
         self._key_active.append(sounding)
         self._sustain.append(pedal_down)
         self._fingertips.append(simulation.fingertips)
-        self._weighted_terms.append(tuple(weighted_terms.values()))
+        self._weighted_terms.append(weighted_terms)
 
     def f1(self) -> float | None:
         """Return the F1 of the steps so far; ``None`` if there is none."""
@@ -231,6 +248,7 @@ class EpisodeRecord:
             within=dict(zip(self._changes, self._sounding_within(), strict=True)),
             returns=np.array(self._sums()),
             simulation=simulation,
+            terms=_told(self._goal.terms),
             speeds=dict(zip(self._changes, self._speeds, strict=True)),
         )
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import griffe
 
 from sb3_piano.envs import PianoEnvConfig
-from sb3_piano.envs.terms import all_terms
+from sb3_piano.envs.terms import SELF_ACTUATED_TERMS, TERMS
 from sb3_piano.lab.results import Results
 from sb3_piano.lab.results.records import Result
 from sb3_piano.lab.results.tables import aggregate_table, origin_table, score_table
@@ -69,10 +69,10 @@ def _default(field: dataclasses.Field[Any]) -> str:
 
 def reward_terms() -> str:
     """Return every term of the reward, with its default weights."""
-    hands, none = all_terms({}, hands=True), all_terms({}, hands=False)
     lines = ["| term | weight | weight without hands | meaning |", "|---|---:|---:|---|"]
-    for name, term in {**hands, **none}.items():
-        usual, without = (f"{of[name].weight:g}" if name in of else "" for of in (hands, none))
+    for name, term in {**TERMS, **SELF_ACTUATED_TERMS}.items():
+        both = (TERMS, SELF_ACTUATED_TERMS)
+        usual, without = (f"{of[name].weight:g}" if name in of else "" for of in both)
         assert term.value.__doc__ is not None, f"the term {name} has no docstring"
         meaning = term.value.__doc__.partition("\n")[0]
         lines.append(f"| `{name}` | {usual} | {without} | {meaning} |")

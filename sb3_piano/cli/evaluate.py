@@ -26,13 +26,7 @@ from sb3_piano.cli.common import (
 from sb3_piano.cli.losses import HELP, print_losses
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.metrics import DEFINITIONS
-from sb3_piano.metrics.episode import (
-    FINGER_SHARES,
-    RETURN_PREFIX,
-    definition_of,
-    has_value,
-    in_order,
-)
+from sb3_piano.metrics.episode import FINGER_SHARES, definition_of, has_value, in_order
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -111,7 +105,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     players = arguments.runs
     if arguments.tree is not None:
         players = [f"tree:{TreeSettings.parse(arguments.tree)}:{run}" for run in players]
-    named = (n for n in arguments.metrics or [] if not n.startswith(RETURN_PREFIX))
+    named = (n for n in arguments.metrics or [] if definition_of(n).section != "Return")
     refuse_unknown(named, DEFINITIONS, "metric")  # reward terms may be of one's own
     seeds, scores = arguments.seeds or [arguments.seed], arguments.score or []
     count = sum(len(scores) or _n_pieces(run) for run in arguments.runs)

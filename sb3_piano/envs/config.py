@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 
-from sb3_piano.envs.terms import RewardWeight, Term, all_terms, own_terms
+from sb3_piano.envs.terms import SELF_ACTUATED_TERMS, TERMS, RewardWeight, Term, own_terms
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
@@ -146,7 +146,7 @@ class PianoEnvConfig:
     @property
     def terms(self) -> dict[str, Term]:
         """All terms of the reward."""
-        return all_terms(self.reward_terms, hands=bool(self.sides))
+        return {**(TERMS if self.sides else SELF_ACTUATED_TERMS), **self.reward_terms}
 
     @property
     def simulation(self) -> str:

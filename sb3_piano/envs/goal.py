@@ -8,7 +8,6 @@ from typing import NamedTuple
 from sb3_piano.arrays import BoolArray
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.score_choice import fingered, part_of_hands
-from sb3_piano.envs.terms import highest_return
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
 
@@ -55,7 +54,9 @@ class Goal:
         """Goal of each control step."""
         self.terms = tuple(config.reward_weights)
         """Names of the reward terms."""
-        self.highest_return = highest_return(self, config.terms, config.reward_weights)
+        weights = config.reward_weights
+        best = (max(weights[name], 0.0) * term.best(self) for name, term in config.terms.items())
+        self.highest_return = float(sum(best))
         """No return under the environment's reward is higher."""
 
     @functools.cached_property

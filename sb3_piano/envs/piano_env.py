@@ -23,7 +23,7 @@ from sb3_piano.envs.score_choice import (
     own_score,
     part_of_hands,
 )
-from sb3_piano.envs.terms import StepView, values_of
+from sb3_piano.envs.terms import StepView, finite_term
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
@@ -161,7 +161,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
-        self._terms = values_of(self.config.reward_terms, hands=bool(self.config.sides))
+        self._terms = {name: term.value for name, term in self.config.terms.items()}
         self._pedal_threshold = pedal_threshold()
         self._renderer: HumanRenderer | PerformanceRenderer | None = None
         self._build(ALL_KEYS)
@@ -340,6 +340,8 @@ class PianoEnv(gym.Env[Any, Any]):
         step, last, config = self._record.steps, len(self._goal) - 1, self.config
         seen = self._seen(step, controls, before)
         terms = {name: value(seen) for name, value in self._terms.items()}
+        for name in config.reward_terms:
+            terms[name] = finite_term(name, terms[name], seen)
         weighted = [weight * terms[name] for name, weight in config.reward_weights.items()]
         self._record.add(self._simulation, seen.pedal_down, weighted)
         self.total_steps += 1

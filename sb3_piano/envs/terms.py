@@ -8,7 +8,6 @@ weights each weighted term equals RoboPianist's own (without hands those of ``Se
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -201,7 +200,7 @@ def _best_strike(goal: Goal) -> float:
     return int(np.count_nonzero(goal.roll.onset))
 
 
-_HANDS: Mapping[str, Term] = {
+TERMS: Mapping[str, Term] = {
     "key_press": Term(_key_press, 1.0, _best_key_press),
     "sustain": Term(_sustain, 1.0, len),
     "energy": Term(_energy, 0.005),
@@ -209,33 +208,30 @@ _HANDS: Mapping[str, Term] = {
     "forearm": Term(_forearm, 0.5, _best_forearm),
     "strike": Term(_strike, 0.0, _best_strike),
 }
+"""The terms where there are hands."""
 
-_NO_HANDS: Mapping[str, Term] = {
+SELF_ACTUATED_TERMS: Mapping[str, Term] = {
     "distance": Term(_distance, 1.0),
     "log_likelihood": Term(_log_likelihood, 0.0),
-    **{n: dataclasses.replace(_HANDS[n], weight=0.0) for n in ("key_press", "sustain", "strike")},
+    **{n: dataclasses.replace(TERMS[n], weight=0.0) for n in ("key_press", "sustain", "strike")},
 }
+"""The terms where the keys are driven themselves."""
 
 
 def _weights(terms: Mapping[str, Term]) -> Mapping[str, float]:
     return MappingProxyType({name: term.weight for name, term in terms.items()})
 
 
-DEFAULT_REWARD_WEIGHTS = _weights(_HANDS)
+DEFAULT_REWARD_WEIGHTS = _weights(TERMS)
 """RoboPianist's weights. ``energy`` is per watt, ``strike`` for each strike; the other terms lie in
 [0, 1]."""
 
-SELF_ACTUATED_REWARD_WEIGHTS = _weights(_NO_HANDS)
+SELF_ACTUATED_REWARD_WEIGHTS = _weights(SELF_ACTUATED_TERMS)
 """Weights where no hand is in the scene and the keys are driven themselves. ``distance`` is
 RoboPianist's default there, ``log_likelihood`` its other choice."""
 
 RETURN_KEYS = tuple(RETURN_PREFIX + name for name in DEFAULT_REWARD_WEIGHTS)
 """Names in the final ``info`` of the episode sums of the weighted terms."""
-
-
-def all_terms(own: Mapping[str, Term], *, hands: bool) -> dict[str, Term]:
-    """Return the terms of an environment by name, with or without hands: built-in, then own."""
-    return {**(_HANDS if hands else _NO_HANDS), **own}
 
 
 def own_terms(given: Mapping[str, Any]) -> dict[str, Term]:
@@ -254,7 +250,7 @@ def _own_term(name: Any, given: Any) -> Term:
             f"Reward term {name!r} has no valid name: expected letters, digits and '_', such as "
             "'smooth'."
         )
-    if name in _HANDS or name in _NO_HANDS:
+    if name in TERMS or name in SELF_ACTUATED_TERMS:
         raise ConfigError(
             f"Reward term {name!r} is built in: expected another name, or reward_weights to weigh "
             "that one."
@@ -273,25 +269,12 @@ def _own_term(name: Any, given: Any) -> Term:
     return Term(found)
 
 
-def values_of(own: Mapping[str, Term], *, hands: bool) -> dict[str, Callable[[StepView], float]]:
-    """Return what computes each term; own ones are seen to be finite numbers."""
-    return {
-        name: functools.partial(_checked, name, term.value) if name in own else term.value
-        for name, term in all_terms(own, hands=hands).items()
-    }
+def finite_term(name: str, value: Any, step: StepView) -> float:
+    """Return the value of a term of one's own, if it is a finite number.
 
-
-def highest_return(goal: Goal, terms: Mapping[str, Term], weights: Mapping[str, float]) -> float:
-    """Return the highest return that a piece allows: every term at its upper end in every step.
-
-    No playing reaches it where moving takes energy, which it leaves at 0. What a negative weight
-    would subtract is left at 0, too.
+    Raises:
+        ConfigError: If it is none.
     """
-    return float(sum(max(weights[name], 0.0) * term.best(goal) for name, term in terms.items()))
-
-
-def _checked(name: str, compute: Callable[[Any], Any], step: StepView) -> float:
-    value = compute(step)
     if not isinstance(value, Real) or not math.isfinite(value):
         raise ConfigError(
             f"Reward term {name!r} is {value!r} in control step {step.number}: expected a finite "

@@ -225,9 +225,8 @@ class Space(dict[str, Parameter]):
             return None if wanted is None else next(same, None)
 
         arguments = {name: p.default for name, p in parameters_of(algorithm_class(algo)).items()}
-        own = setting_at(entry, "env_kwargs.reward_terms", {})
-        env_kwargs = vars(PianoEnvConfig(reward_terms=own))
-        defaults = {**arguments, "policy": RunConfig.policy, "env_kwargs": env_kwargs}
+        env = PianoEnvConfig(reward_terms=setting_at(entry, "env_kwargs.reward_terms", {}))
+        defaults = {**arguments, "policy": RunConfig.policy, "env_kwargs": vars(env)}
         found = {p.stored_name(name): stored(name, p) for name, p in self.items()}
         return {name: value for name, value in found.items() if value is not None}
 

@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_706
 TOTALS = {
     "core": {"lines": 48_667, "modules": 326, "names": 223},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_671},
+    "tests": {"lines": 42_685},
 }
 
 

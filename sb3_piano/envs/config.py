@@ -94,8 +94,8 @@ class PianoEnvConfig:
     """Weights of reward terms by name, in place of the default ones: those of
     ``DEFAULT_REWARD_WEIGHTS``, without hands of ``SELF_ACTUATED_REWARD_WEIGHTS``."""
     reward_terms: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """Reward terms of your own by name, each a :class:`~sb3_piano.envs.Term`, a function of the
-    step (:class:`~sb3_piano.envs.StepView`), or the import path of one, "package.module.name"."""
+    """Reward terms of your own by name, each a ``Term``, a function of a ``StepView``, or the
+    import path of either, "package.module.name"."""
     goal_time: Literal["beginning", "end"] = "beginning"
     """Moment of a control step whose keys are asked of the state at its end. "beginning", as in
     RoboPianist, asks a key to be down by the end of the step in which its note begins; "end" asks

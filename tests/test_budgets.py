@@ -32,13 +32,13 @@ LINES = {
     "lab": 5_682,
     "metrics": 960,
     "music": 8_510,
-    "pipelines": 1_354,
+    "pipelines": 1_356,
     "planning": 2_700,
     "players": 2_172,
     "policies": 1_580,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_290,
+    "training": 6_330,
     "tuning": 1_390,
     "vec_env": 490,
     "viewing": 2_587,
@@ -49,11 +49,11 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_706
+LONG_WORK_LINES = 3_708
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_472, "modules": 324, "names": 221},
+    "core": {"lines": 48_514, "modules": 326, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
     "tests": {"lines": 42_358},
 }

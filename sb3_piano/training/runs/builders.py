@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -100,6 +100,11 @@ def one_env(spec: EnvSpec, seed: int | None, innermost: EnvWrapper | None = None
     venv = DummyVecEnv([lambda: spec.make(innermost, EpisodeLog)])
     venv.seed(seed)
     return venv
+
+
+def first_env(venv: VecEnv) -> Env:
+    """Return the first environment of a vector in this process, with its wrappers."""
+    return cast(DummyVecEnv, venv.unwrapped).envs[0]
 
 
 def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> VecEnv:

@@ -33,7 +33,7 @@ from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import registered_id
-from sb3_piano.training.playing.player import keep_base
+from sb3_piano.training.playing.player_files import keep_base
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_model, load_statistics

@@ -23,7 +23,7 @@ LINES = {
     "batch": 1_970,
     "buffers": 660,
     "callbacks": 2_770,
-    "cli": 3_204,
+    "cli": 3_205,
     "demonstrations": 1_505,
     "envs": 3_290,
     "hyperparams": 30,

@@ -20,27 +20,27 @@ TESTS = Path(__file__).parent
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
     "base": 1_790,
-    "batch": 1_970,
-    "buffers": 660,
-    "callbacks": 2_770,
-    "cli": 3_205,
-    "demonstrations": 1_505,
-    "envs": 3_290,
-    "hyperparams": 30,
-    "interop": 240,
+    "batch": 1_965,
+    "buffers": 654,
+    "callbacks": 2_767,
+    "cli": 3_301,
+    "demonstrations": 1_501,
+    "envs": 3_287,
+    "hyperparams": 35,
+    "interop": 237,
     "jobs": 962,
     "lab": 5_682,
     "metrics": 960,
     "music": 8_510,
     "pipelines": 1_356,
     "planning": 2_700,
-    "players": 2_172,
-    "policies": 1_580,
+    "players": 2_160,
+    "policies": 1_571,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_330,
+    "training": 6_329,
     "tuning": 1_390,
-    "vec_env": 490,
+    "vec_env": 489,
     "viewing": 2_587,
     "wrappers": 2_052,
 }
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_708
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_514, "modules": 326, "names": 221},
+    "core": {"lines": 48_618, "modules": 326, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_358},
+    "tests": {"lines": 42_385},
 }
 
 

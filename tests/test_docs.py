@@ -12,7 +12,7 @@ import yaml
 from fresh_python import run_python
 
 from sb3_piano.cli import main
-from sb3_piano.cli.main import _parser
+from sb3_piano.cli.main import parser_of
 from sb3_piano.envs import ENV_IDS, GENERAL_ID
 from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.music.built_in import ENCORE, REPERTOIRE
@@ -171,7 +171,7 @@ def test_the_commands_of_a_page_are_ones_that_there_are(name):
     commands = commands_of(ROOT / "docs" / f"{name}.md")
     assert commands
     for arguments in commands:
-        _parser().parse_args(arguments)
+        parser_of().parse_args(arguments)
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)

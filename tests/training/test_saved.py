@@ -164,7 +164,7 @@ def test_the_help_says_what_loading_a_run_may_do(capsys):
     for command in ("evaluate", "play", "report", "train", "record", "clone"):
         with pytest.raises(SystemExit):
             main([command, "--help"])
-        assert "Trust: the model.zip and vecnormalize.pkl" in " ".join(
+        assert "Trust: a run's model.zip is a Python pickle" in " ".join(
             capsys.readouterr().out.split()
         )
 

@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_708
 TOTALS = {
     "core": {"lines": 48_618, "modules": 326, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_385},
+    "tests": {"lines": 42_392},
 }
 
 

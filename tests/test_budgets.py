@@ -22,7 +22,7 @@ LINES = {
     "base": 1_790,
     "batch": 1_965,
     "buffers": 654,
-    "callbacks": 2_767,
+    "callbacks": 2_782,
     "cli": 3_301,
     "demonstrations": 1_501,
     "envs": 3_287,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_708
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_618, "modules": 326, "names": 221},
+    "core": {"lines": 48_633, "modules": 326, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_392},
+    "tests": {"lines": 42_415},
 }
 
 

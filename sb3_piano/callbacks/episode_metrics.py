@@ -13,6 +13,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.metrics import EPISODE_METRICS
 
 RETURN_PREFIX = "return_"
+PRINTED = ("f1", "onset_f1", "noop_f1", "wrong_presses_per_second")
+"""Metrics that the console shows. The others are in TensorBoard, CSV and JSON alone, as thirty rows
+would hide these."""
+
+NOT_PRINTED = tuple(name for name in EPISODE_METRICS if name not in PRINTED)
+"""Metrics that the console does not show."""
+
 _GROUPS = {RETURN_PREFIX: "reward", "finger_share_": "fingers"}
 
 
@@ -37,8 +44,12 @@ class EpisodeInfoCallback(BaseCallback):
             for key in self._keys(info) if done else ():
                 number = finite_number(info.get(key))
                 if number is not None:
-                    self.logger.record_mean(log_name(key), number)
+                    self.logger.record_mean(log_name(key), number, exclude=self._exclude(key))
         return True
+
+    def _exclude(self, key: str) -> str | None:
+        """Return the output of SB3's logger that does not get a key."""
+        return None
 
 
 def log_name(key: str) -> str:
@@ -70,7 +81,7 @@ class EpisodeMetricsCallback(EpisodeInfoCallback):
     written; environments without these keys log nothing.
 
     Args:
-        keys: Names in ``info`` to log in place of these.
+        keys: Names in ``info`` to log in place of these; the console then shows them all.
     """
 
     def __init__(self, keys: Iterable[str] = EPISODE_METRICS) -> None:
@@ -80,6 +91,9 @@ class EpisodeMetricsCallback(EpisodeInfoCallback):
     def _keys(self, info: Mapping[str, Any]) -> Iterable[str]:
         del info  # those that it lacks are left out anyway
         return self._names
+
+    def _exclude(self, key: str) -> str | None:
+        return "stdout" if self._names == EPISODE_METRICS and key in NOT_PRINTED else None
 
 
 class RewardTermsCallback(EpisodeInfoCallback):

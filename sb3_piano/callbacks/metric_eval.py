@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_piano.array_files import read_arrays
 from sb3_piano.callbacks.checkpoint import write_normalization
 from sb3_piano.callbacks.condition import Condition
-from sb3_piano.callbacks.episode_metrics import finite_number
+from sb3_piano.callbacks.episode_metrics import NOT_PRINTED, finite_number
 from sb3_piano.callbacks.own_env import OwnEnvCallback, RunContext, env_name, preserve_random_state
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.files import read_json, write_atomically, write_json
@@ -274,7 +274,8 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
         metrics = {name: number for name, number in numbers.items() if number is not None}
         self.evaluations_metrics[-1].append(metrics)
         for name, number in metrics.items():
-            self.logger.record_mean(f"eval/{name}", number)
+            hidden = name in NOT_PRINTED and name != self.metric
+            self.logger.record_mean(f"eval/{name}", number, exclude="stdout" if hidden else None)
 
     def means(self, number: int) -> dict[str, float]:
         """Return each metric's mean in an evaluation, of those that all episodes have."""

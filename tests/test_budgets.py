@@ -38,7 +38,7 @@ LINES = {
     "policies": 1_571,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_329,
+    "training": 6_339,
     "tuning": 1_390,
     "vec_env": 489,
     "viewing": 2_587,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_708
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_633, "modules": 326, "names": 221},
+    "core": {"lines": 48_643, "modules": 326, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_415},
+    "tests": {"lines": 42_416},
 }
 
 

@@ -19,7 +19,7 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_790,
+    "base": 1_943,
     "batch": 1_965,
     "buffers": 654,
     "callbacks": 2_782,
@@ -38,7 +38,7 @@ LINES = {
     "policies": 1_571,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_339,
+    "training": 6_189,
     "tuning": 1_390,
     "vec_env": 489,
     "viewing": 2_587,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_708
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_643, "modules": 326, "names": 221},
+    "core": {"lines": 48_646, "modules": 327, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_416},
+    "tests": {"lines": 42_417},
 }
 
 

@@ -19,7 +19,7 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_943,
+    "base": 1_949,
     "batch": 1_965,
     "buffers": 654,
     "callbacks": 2_782,
@@ -32,16 +32,16 @@ LINES = {
     "lab": 5_682,
     "metrics": 960,
     "music": 8_510,
-    "pipelines": 1_356,
+    "pipelines": 1_358,
     "planning": 2_700,
     "players": 2_160,
     "policies": 1_571,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_189,
-    "tuning": 1_390,
+    "training": 6_274,
+    "tuning": 1_391,
     "vec_env": 489,
-    "viewing": 2_587,
+    "viewing": 2_597,
     "wrappers": 2_052,
 }
 
@@ -49,13 +49,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_708
+LONG_WORK_LINES = 3_711
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_646, "modules": 327, "names": 221},
+    "core": {"lines": 48_750, "modules": 329, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_417},
+    "tests": {"lines": 42_459},
 }
 
 

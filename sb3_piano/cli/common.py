@@ -180,7 +180,7 @@ def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[st
 
 def env_options(settings: Iterable[str]) -> dict[str, Any]:
     """Return the options of an environment that ``--set`` was given as ``NAME=VALUE``."""
-    from sb3_piano.training.configuration.yaml_files import parse_yaml
+    from sb3_piano.training.configuration.plain_yaml import parse_yaml
 
     found = {}
     for setting in settings:

@@ -41,7 +41,7 @@ from sb3_piano.music.library import Library
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.playing.player_files import player_files
 from sb3_piano.training.runs.provenance import provenance
 

@@ -7,34 +7,30 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy.typing as npt
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import GENERAL_ID, EpisodeRecorder, PianoEnv
-from sb3_piano.exceptions import ConfigError, RunError, ScoreError
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.layers import layers
-from sb3_piano.music import Score, load_score
+from sb3_piano.music import Score
 from sb3_piano.music.catalogue import is_path
-from sb3_piano.players import Player, PlayerSpec, Transition, TreeSearch, rollout
+from sb3_piano.players import Player, PlayerSpec, Transition, rollout
+from sb3_piano.players.policy import singles_of
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.env_spec import EnvSpec
-from sb3_piano.training.runs.builders import Env, build_vec_env, first_env, one_env
-from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.configuration.env_spec import Env, EnvSpec
 from sb3_piano.training.runs.provenance import versions
-from sb3_piano.training.runs.saved import (
-    act,
-    load_statistics,
-    load_to_play,
-    model_files,
-)
 from sb3_piano.viewing.take import Take
 from sb3_piano.wrappers.score_wrapper import possible_scores
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+
+    from sb3_piano.callbacks.own_env import EnvWrapper
+    from sb3_piano.training.runs.folder import RunFolder
 
 PLANNED_IN: Mapping[str, Any] = {
     "reduced_action_space": False,
@@ -99,7 +95,7 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
     """What plays: a model of Stable-Baselines3, or a player of this package."""
     _titles: Mapping[str, str]
     """Titles of scores whose files were copied, by the titles of the copies."""
-    _venv: VecEnv
+    _env: Env | VecEnv
     _recorder: EpisodeRecorder
 
     @classmethod
@@ -137,13 +133,20 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         """
         spec = player if isinstance(player, PlayerSpec) else PlayerSpec.parse(player)
         checked("seed", seed, Index)
-        run = RunFolder.open(spec.name) if spec.is_run else None
-        former = None if run is None else run.read_player()
-        if former is not None:  # of versions that made a folder for a player, too
-            planned, of_player = former
-            spec, env, run = dataclasses.replace(planned, tree=spec.tree), env or of_player, None
+        run = None
+        if spec.is_run:
+            from sb3_piano.training.runs.folder import RunFolder  # training needs torch
+
+            run = RunFolder.open(spec.name)
+            former = run.read_player()
+            if former is not None:  # of versions that made a folder for a player, too
+                planned, of_player = former
+                spec, run = dataclasses.replace(planned, tree=spec.tree), None
+                env = env or of_player
         if run is not None:
-            return cls._of_run(spec, run, seed, physics, score, best, disturbed)
+            from sb3_piano.training.playing.run_player import open_run
+
+            return open_run(spec, run, seed, physics, score, best, disturbed)
         if best is not None:
             raise RunError(
                 f"The player '{spec}' has no best model by {best!r}: expected a run, or no metric."
@@ -159,66 +162,17 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         if physics is not None:
             env = env.with_options(physics=physics)
 
-        def innermost(bare: Env) -> EpisodeRecorder:
-            return EpisodeRecorder(bare if disturbed is None else disturbed(bare))
-
-        venv = one_env(env, seed, innermost)
-        with _closed_if_it_fails(venv):
-            return cls._in(spec, env, venv, spec.make(venv, seed), seed, algo=spec.name)
+        made = env.make(disturbed, EpisodeRecorder)
+        with closed_if_it_fails(made):
+            return cls.playing(spec.make(made, seed), made, spec, env, seed, algo=spec.name)
 
     @classmethod
-    def _of_run(
+    def playing(
         cls,
-        spec: PlayerSpec,
-        run: RunFolder,
-        seed: int,
-        physics: str | None,
-        score: Source | None,
-        best: str | None,
-        disturbed: EnvWrapper | None,
-    ) -> OpenPlayer:
-        trained = run.read_config()
-        config = dataclasses.replace(trained.alone(), seed=seed)
-        if physics is not None:
-            config = config.in_env(physics=physics)
-        chosen = None if score is None else load_score(score)
-        model_file, statistics = model_files(run, config, best)
-
-        def innermost(env: Env) -> EpisodeRecorder:
-            env = env if disturbed is None else disturbed(env)
-            return EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen))
-
-        venv = build_vec_env(config, innermost)
-        with _closed_if_it_fails(venv):
-            load_statistics(config, statistics, venv)
-            if isinstance(venv, VecNormalize):
-                venv.training = False
-            env = first_env(venv)
-            if chosen is not None:
-                _check_playable(run, env, venv, chosen)
-            model: Any = load_to_play(config, model_file, venv)
-            if spec.tree is not None:
-                model = TreeSearch(model, venv, spec.tree, seed=seed)
-            return cls._in(
-                spec,
-                config.env,
-                venv,
-                model,
-                seed,
-                algo=config.algo,
-                run=run,
-                training_seed=trained.seed,
-                titles={} if chosen is not None else titles_of_copies(run, env),
-                piece=None if chosen is None else chosen.title,
-            )
-
-    @classmethod
-    def _in(
-        cls,
+        model: Player,
+        env: Env | VecEnv,
         spec: PlayerSpec,
         env_spec: EnvSpec,
-        venv: VecEnv,
-        model: Player,
         seed: int,
         *,
         algo: str,
@@ -227,7 +181,8 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         titles: Mapping[str, str] = {},
         piece: str | None = None,
     ) -> OpenPlayer:
-        env = first_env(venv)
+        """Return what plays in an environment, or in a vector of one, which has a recorder."""
+        single = singles_of(env)[0]
         return cls(
             spec=spec,
             env_spec=env_spec,
@@ -235,11 +190,11 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
             run=run,
             algo=algo,
             training_seed=training_seed,
-            piece=_own_piece(env_spec, env, titles) if piece is None else piece,
+            piece=_own_piece(env_spec, single, titles) if piece is None else piece,
             model=model,
             _titles=titles,
-            _venv=venv,
-            _recorder=[e for e in layers(env) if isinstance(e, EpisodeRecorder)][-1],
+            _env=env,
+            _recorder=[e for e in layers(single) if isinstance(e, EpisodeRecorder)][-1],
         )
 
     @property
@@ -262,9 +217,9 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         return self.env
 
     @property
-    def vec_env(self) -> VecEnv:
-        """The vector that it plays in, with the run's wrappers and normalisation."""
-        return self._venv
+    def wrapped(self) -> Env:
+        """The environment with its wrappers."""
+        return singles_of(self._env)[0]
 
     @property
     def num_timesteps(self) -> int:
@@ -313,19 +268,26 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
         """Return what the model plays for an observation as the environment gives it."""
+        arguments = (state, episode_start, deterministic)
+        if isinstance(self._env, gym.Env):
+            played: tuple[Any, Any] = self.model.predict(observation, *arguments)
+            return played
+
+        from sb3_piano.training.runs.saved import act
+
         with torch_computing():
-            return act(self.model, self._venv, observation, state, episode_start, deterministic)
+            return act(self.model, self._env, observation, *arguments)
 
     def close(self) -> None:
         """Close the environment."""
-        self._venv.close()
+        self._env.close()
 
     def __exit__(self, *error: object) -> None:
         self.close()
 
     def _rollout(self, episodes: int | None, seed: int | None, **more: Any) -> Iterator[Take]:
         own = self.seed if seed is None else seed
-        played = rollout(self.model, self._venv, episodes=episodes, seed=own, **more)
+        played = rollout(self.model, self._env, episodes=episodes, seed=own, **more)
         return (self._noted(take, own) for take in played)
 
     def _noted(self, take: Take, seed: int) -> Take:
@@ -349,51 +311,13 @@ SavedPlayer = OpenPlayer
 
 
 @contextlib.contextmanager
-def _closed_if_it_fails(venv: VecEnv) -> Iterator[None]:
+def closed_if_it_fails(env: Env | VecEnv) -> Iterator[None]:
+    """Close an environment if the block raises."""
     try:
         yield
     except BaseException:
-        venv.close()
+        env.close()
         raise
-
-
-class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
-    """Play one piece, whatever the wrappers further out ask for."""
-
-    def __init__(self, env: Env, score: Score):
-        super().__init__(env)
-        self._score = score
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode of the piece."""
-        others = {k: v for k, v in (options or {}).items() if k != "transform"}
-        return self.env.reset(seed=seed, options={**others, "score": self._score})
-
-
-def _check_playable(run: RunFolder, env: Env, venv: VecEnv, score: Score) -> None:
-    if not isinstance(env.unwrapped, PianoEnv):
-        raise ConfigError(
-            f"Run '{run.path}' cannot play {score.title!r}: its environment "
-            f"{run.read_config().env_id!r} is no piano. Expected a run of a piano environment, or "
-            "no piece."
-        )
-    try:
-        venv.reset()
-    except ScoreError as error:
-        raise RunError(
-            f"Run '{run.path}' cannot play {score.title!r}: {error} Expected a piece that its "
-            "observation can show."
-        ) from error
-
-
-def titles_of_copies(run: RunFolder, env: Env) -> dict[str, str]:
-    """Return the name of the file that was copied into a run's folder, by the copy's title."""
-    file, piano = run.read_provenance().get("score_file"), env.unwrapped
-    if isinstance(file, str) and isinstance(piano, PianoEnv):
-        return {piano.default_score.title: Path(file).stem}
-    return {}
 
 
 def _own_piece(spec: EnvSpec, env: Env, titles: Mapping[str, str]) -> str:

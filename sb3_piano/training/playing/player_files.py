@@ -15,7 +15,6 @@ from sb3_piano.players.hand_model import network_file
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import BASE
 from sb3_piano.training.playing.player import OpenPlayer
-from sb3_piano.training.runs.builders import first_env
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import (
     model_files,
@@ -46,7 +45,7 @@ def player_files(spec: PlayerSpec) -> list[Path]:
 def _hand_model(player: OpenPlayer) -> HandModel | None:
     """Return the network of a hand; ``None`` if the run has learnt something else."""
     try:
-        return HandModel.of(player.model.policy, first_env(player.vec_env), player.num_timesteps)
+        return HandModel.of(player.model.policy, player.wrapped, player.num_timesteps)
     except ConfigError:  # another policy, other actions, or another observation
         return None
 

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -40,7 +40,7 @@ from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.imports import import_class, import_name
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.training.configuration.config import RunConfig
-from sb3_piano.training.configuration.env_spec import Env, EnvSpec
+from sb3_piano.training.configuration.env_spec import Env
 from sb3_piano.training.configuration.values import (
     classes_made,
     linear_start,
@@ -93,18 +93,6 @@ class _EpisodeFile(ResultsWriter):
     def close(self) -> None:
         with contextlib.suppress(OSError):
             super().close()
-
-
-def one_env(spec: EnvSpec, seed: int | None, innermost: EnvWrapper | None = None) -> DummyVecEnv:
-    """Return a vector of one environment; ``innermost`` is put around the bare one."""
-    venv = DummyVecEnv([lambda: spec.make(innermost, EpisodeLog)])
-    venv.seed(seed)
-    return venv
-
-
-def first_env(venv: VecEnv) -> Env:
-    """Return the first environment of a vector in this process, with its wrappers."""
-    return cast(DummyVecEnv, venv.unwrapped).envs[0]
 
 
 def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> VecEnv:

@@ -1,4 +1,4 @@
-"""The glossary has a row for every noun of the public interface, and none for a name that is gone."""
+"""The glossary has a row for every noun of the public interface, and no stale row."""
 
 import importlib
 import inspect

@@ -116,6 +116,13 @@ def test_every_link_leads_to_a_file_and_a_heading_that_exist():
                 assert anchor in slugs, f"{page.name}: {link}"
 
 
+def test_a_page_has_at_most_200_lines():
+    """A longer one is two pages: what to do, and how it was found out."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    lines = {page.name: len(page.read_text(encoding="utf-8").splitlines()) for page in pages}
+    assert {name: count for name, count in lines.items() if count > 200} == {}
+
+
 def test_nothing_says_to_install_the_package_from_an_index_where_it_is_not():
     """Whoever registered its name there could have any program run."""
     folders = (ROOT / name for name in ("sb3_piano", "docs", "examples", "web/src", "benchmarks"))

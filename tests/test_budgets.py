@@ -21,10 +21,10 @@ TESTS = Path(__file__).parent
 LINES = {
     "base": 1_790,
     "batch": 1_970,
-    "buffers": 660,
-    "callbacks": 2_770,
+    "buffers": 654,
+    "callbacks": 2_760,
     "cli": 3_204,
-    "demonstrations": 1_505,
+    "demonstrations": 1_501,
     "envs": 3_290,
     "hyperparams": 30,
     "interop": 240,
@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_706
 TOTALS = {
     "core": {"lines": 48_472, "modules": 324, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_358},
+    "tests": {"lines": 42_450},
 }
 
 

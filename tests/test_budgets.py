@@ -22,12 +22,12 @@ LINES = {
     "base": 1_949,
     "batch": 1_965,
     "buffers": 654,
-    "callbacks": 2_782,
+    "callbacks": 2_774,
     "cli": 3_301,
-    "demonstrations": 1_501,
+    "demonstrations": 1_499,
     "envs": 3_287,
     "hyperparams": 35,
-    "interop": 237,
+    "interop": 236,
     "jobs": 962,
     "lab": 5_682,
     "metrics": 960,
@@ -35,14 +35,14 @@ LINES = {
     "pipelines": 1_358,
     "planning": 2_700,
     "players": 2_160,
-    "policies": 1_571,
+    "policies": 1_579,
     "reading": 913,
     "simulation": 1_102,
     "training": 6_274,
     "tuning": 1_391,
-    "vec_env": 489,
+    "vec_env": 488,
     "viewing": 2_597,
-    "wrappers": 2_052,
+    "wrappers": 2_047,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_711
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_750, "modules": 329, "names": 221},
+    "core": {"lines": 48_741, "modules": 329, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_459},
+    "tests": {"lines": 42_542},
 }
 
 

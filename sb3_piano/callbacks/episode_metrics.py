@@ -24,11 +24,10 @@ _GROUPS = {RETURN_PREFIX: "reward", "finger_share_": "fingers"}
 
 
 class EpisodeInfoCallback(BaseCallback):
-    """Log numbers that environments put into ``info`` at the end of an episode.
+    """Log numbers from the final ``info`` of each episode.
 
-    Each logged value is the mean over the episodes that finished, in all environments, since the
-    log was last written. Keys that an environment does not have, and values that are no finite
-    number, are left out.
+    Each logged value is the mean over the episodes of all environments since the last log line.
+    Missing keys and values that are not finite are left out.
 
     The values are recorded while SB3 collects a rollout, before it writes the log: off-policy
     algorithms write it within the step that ends an episode, so that a value recorded at the end of
@@ -37,7 +36,7 @@ class EpisodeInfoCallback(BaseCallback):
 
     @abstractmethod
     def _keys(self, info: Mapping[str, Any]) -> Iterable[str]:
-        """Return which keys to log of an episode's last ``info``."""
+        """Return the keys to log from an episode's final ``info``."""
 
     def _on_step(self) -> bool:
         for done, info in zip(self.locals["dones"], self.locals["infos"], strict=True):
@@ -53,7 +52,7 @@ class EpisodeInfoCallback(BaseCallback):
 
 
 def log_name(key: str) -> str:
-    """Return the name under which a key of ``info`` is logged.
+    """Return the log name of a key of ``info``.
 
     >>> log_name("f1"), log_name("return_key_press"), log_name("finger_share_r1")
     ('music/f1', 'reward/key_press', 'fingers/r1')
@@ -65,7 +64,7 @@ def log_name(key: str) -> str:
 
 
 def finite_number(value: Any) -> float | None:
-    """Return a value as a number, or ``None`` if it is none, or is NaN or infinite."""
+    """Return a value as a finite number, or ``None`` if it is not one."""
     if not isinstance(value, (int, float, np.number)):
         return None
     number = float(value)
@@ -73,7 +72,7 @@ def finite_number(value: Any) -> float | None:
 
 
 class EpisodeMetricsCallback(EpisodeInfoCallback):
-    """Log how well the finished episodes were played.
+    """Log the music metrics of finished episodes.
 
     The metrics of :data:`~sb3_piano.metrics.EPISODE_METRICS` go under ``music/`` (``music/f1``),
     the fingers' shares of the presses under ``fingers/`` (``finger_share_r1``, the right thumb's,
@@ -97,7 +96,7 @@ class EpisodeMetricsCallback(EpisodeInfoCallback):
 
 
 class RewardTermsCallback(EpisodeInfoCallback):
-    """Log what each term of the reward contributed to the finished episodes.
+    """Log the contribution of each reward term to finished episodes.
 
     A term's weighted sum over an episode, ``return_<term>`` in ``info``, goes under
     ``reward/<term>``: ``return_key_press`` becomes ``reward/key_press``. Each value is the mean

@@ -82,7 +82,7 @@ def test_means_are_over_pieces_that_all_columns_have(table, capsys):
 def test_the_table_of_the_page_is_that_of_the_file_beside_it(table, capsys):
     rows = table.read_rows(DOCS / "planned_pianist.csv")
     assert len({piece for piece, _ in rows}) == 99
-    page = (DOCS / "planned_pianist.md").read_text(encoding="utf-8").splitlines()
+    page = (DOCS / "planned_pianist_results.md").read_text(encoding="utf-8").splitlines()
     heading = next(line for line in page if line.startswith("| group |"))
     columns = heading.strip("| ").split(" | ")[4:]
     assert columns[:2] == ["planned", "sight-reader"]

@@ -19,43 +19,43 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_957,
-    "batch": 1_970,
-    "buffers": 660,
-    "callbacks": 2_770,
-    "cli": 3_204,
-    "demonstrations": 1_505,
+    "base": 1_963,
+    "batch": 1_969,
+    "buffers": 654,
+    "callbacks": 2_774,
+    "cli": 3_301,
+    "demonstrations": 1_499,
     "envs": 3_357,
-    "hyperparams": 30,
-    "interop": 240,
+    "hyperparams": 35,
+    "interop": 236,
     "jobs": 962,
     "lab": 5_682,
     "metrics": 1_053,
     "music": 8_510,
-    "pipelines": 1_354,
+    "pipelines": 1_358,
     "planning": 2_700,
-    "players": 2_172,
-    "policies": 1_580,
+    "players": 2_160,
+    "policies": 1_579,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_145,
-    "tuning": 1_390,
-    "vec_env": 490,
-    "viewing": 2_597,
-    "wrappers": 2_052,
+    "training": 6_279,
+    "tuning": 1_391,
+    "vec_env": 488,
+    "viewing": 2_607,
+    "wrappers": 2_047,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_706
+LONG_WORK_LINES = 3_711
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_667, "modules": 326, "names": 223},
+    "core": {"lines": 48_933, "modules": 330, "names": 223},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_685},
+    "tests": {"lines": 42_869},
 }
 
 

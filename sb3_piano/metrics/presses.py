@@ -1,4 +1,4 @@
-"""Presses: the unbroken runs of control steps in which a key sounds; when, and which are wrong."""
+"""Presses, the unbroken runs of control steps in which a key sounds: times, and wrong presses."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ def presses_of(active: npt.ArrayLike) -> Presses:
 
 
 def wrong_presses(target: npt.ArrayLike, played: npt.ArrayLike) -> int:
-    """Count the presses in none of whose control steps the key is due.
+    """Count the presses whose key is due in none of their control steps.
 
     A press (see :func:`~sb3_piano.metrics.presses_of`) that overlaps a note of its key by one step
-    is not wrong, however early or late it is: the onset scores tell that.
+    is not wrong, however early or late: the onset scores measure that.
 
     Args:
         target: (T, n) bool, what should sound.
@@ -80,7 +80,7 @@ def wrong_presses(target: npt.ArrayLike, played: npt.ArrayLike) -> int:
 def wrong_presses_per_second(
     target: npt.ArrayLike, played: npt.ArrayLike, control_timestep: float
 ) -> float:
-    """Return the :func:`wrong_presses` in each second of playing; 0.0 if there is no step at all.
+    """Return the :func:`wrong_presses` a second of playing; 0.0 without steps.
 
     ``control_timestep`` is the length of a control step, in s.
     """

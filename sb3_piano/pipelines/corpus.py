@@ -51,7 +51,9 @@ from sb3_piano.settings import Count, Index, Listed, NotNegative, Number, Positi
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.values import plain
-from sb3_piano.training.playing.player import player_files, player_to_record, stage_for
+from sb3_piano.training.playing.player import stage_for
+from sb3_piano.training.playing.player_files import player_files
+from sb3_piano.training.playing.recording import player_to_record
 from sb3_piano.training.runs.provenance import provenance
 
 if TYPE_CHECKING:

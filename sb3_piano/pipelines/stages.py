@@ -26,9 +26,10 @@ from sb3_piano.settings import Index, Listed, Share, TextOrPath, checked, refuse
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.names import algorithm_class
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.plugins import Plugin, with_arguments
 from sb3_piano.training.configuration.values import coerce_mapping, parameters_of, plain
-from sb3_piano.training.configuration.yaml_files import load_config, merged, read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import load_config, merged
 from sb3_piano.training.runs.start import without_learnt_entropy
 
 CURRICULUM_FILE = "curriculum.yml"

@@ -25,7 +25,8 @@ from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, traini
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, settings
 from sb3_piano.training import RunConfig, load_config
-from sb3_piano.training.configuration.yaml_files import merged, read_yaml_mapping
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import merged
 
 RESULTS = "results.csv"
 

@@ -23,8 +23,9 @@ from sb3_piano.settings import Count, NotNegative, Positive, Share, checked, num
 from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.entries import setting_at, with_settings
 from sb3_piano.training.configuration.names import algorithm_class
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import coerce, linear_start, parameters_of, plain
-from sb3_piano.training.configuration.yaml_files import entry_config, read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 _KINDS = ("float", "int", "discount", "choice")

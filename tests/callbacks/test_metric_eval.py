@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -10,10 +11,16 @@ from gymnasium.wrappers import TimeLimit
 from scripted import NoisyEnv, ScriptedEnv, log_lines, series, tiny, vector_of, with_f1
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
 
-from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
+from sb3_piano.callbacks import (
+    EpisodeMetricsCallback,
+    F1Callback,
+    MetricEvalCallback,
+    OnsetF1Callback,
+)
 from sb3_piano.exceptions import ConfigError, RunError
 
 
@@ -55,6 +62,22 @@ def test_each_evaluation_logs_the_metrics_beside_what_sb3_logs_at_its_step(model
         assert series(lines, f"eval/{name}") == pytest.approx({7: mean, 14: mean})
     assert series(lines, "eval/mean_ep_length") == {7: 5.0, 14: 5.0}
     assert not [name for line in lines for name in line if "other" in name]
+
+
+@pytest.mark.parametrize("metric", ["f1", "precision"])
+def test_the_console_shows_few_metrics_and_the_files_all(metric, tmp_path, capsys):
+    info = {"f1": 0.1, "onset_f1": 0.5, "noop_f1": 0.3, "precision": 0.4, "finger_share_r1": 0.25}
+    model = tiny(ScriptedEnv([info]))
+    model.set_logger(configure(str(tmp_path), ["stdout", "csv"]))
+    kind = type("Own", (MetricEvalCallback,), {"metric": metric})
+    found = kind(Monitor(ScriptedEnv([info])), eval_freq=5)
+    model.learn(10, callback=[found, EpisodeMetricsCallback()], log_interval=1)
+    printed = set(re.findall(r"\|\s+([a-z_0-9]+)\s+\|", capsys.readouterr().out))
+    assert {"f1", "onset_f1", "noop_f1", metric} == printed & info.keys()
+    written = (tmp_path / "progress.csv").read_text()
+    assert all(f"eval/{name}" in written for name in info)
+    assert "music/precision" in written
+    assert "fingers/r1" in written
 
 
 @pytest.mark.parametrize("n_envs", [1, 3])

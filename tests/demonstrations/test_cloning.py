@@ -144,7 +144,7 @@ def test_what_is_out_of_range_is_refused(pendulum_data, options, message):
 def test_a_model_that_does_not_fit_is_refused(pendulum_data, piano):
     pendulum_data()
     on_policy = PPO("MlpPolicy", pendulum(), n_steps=8, batch_size=8, device="cpu")
-    with pytest.raises(ConfigError, match="A PPO has no actor to be cloned into: expected SAC"):
+    with pytest.raises(ConfigError, match="A PPO has no actor to clone into: expected SAC"):
         clone_behaviour(on_policy, NAME)
     on_piano = TD3("MlpPolicy", piano(), buffer_size=9, policy_kwargs={"net_arch": [4]})
     with pytest.raises(ConfigError, match=r"shape \(3,\), the model of shape \(130,\)"):

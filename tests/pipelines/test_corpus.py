@@ -197,7 +197,7 @@ def test_a_wrong_setting_is_named(changes, message):
 
 
 def test_a_corpus_that_is_not_whole_is_refused(corpus, tmp_path):
-    with pytest.raises(ConfigError, match="There is no whole corpus"):
+    with pytest.raises(ConfigError, match="has no complete corpus"):
         RecordedCorpus.open(tmp_path)
 
 

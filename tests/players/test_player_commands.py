@@ -10,7 +10,7 @@ from sb3_piano.envs import GENERAL_ID
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.players import HandModel
 from sb3_piano.training import OpenPlayer, RunConfig, RunFolder
-from sb3_piano.training.playing.player import write_player
+from sb3_piano.training.playing.player_files import write_player
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 FAST = ["--set", "physics=fast"]

@@ -11,8 +11,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import set_random_seed
 from torch import nn
 
-from sb3_piano.policies import EncoderSACPolicy, RegularizedSACPolicy, sparing_updates
-from sb3_piano.policies.sparing import ZeroSkippingLinear
+from sb3_piano.policies import EncoderSACPolicy, RegularizedSACPolicy, fast_updates
+from sb3_piano.policies.sparing import ZeroSkippingLinear, sparing_updates
 from sb3_piano.training import load_config, train
 
 ALGORITHMS = {
@@ -66,7 +66,7 @@ def test_updates_learn_the_same_but_for_rounding(name):
     stock.learn(40)
     before, sparing = learnt(stock), like(stock)
     expected = update(stock)
-    with sparing_updates(sparing):
+    with fast_updates(sparing):
         found = update(sparing)
     changed = [key for key, value in expected.items() if not torch.equal(value, before[key])]
     assert any(key.startswith("actor") for key in changed)
@@ -78,7 +78,7 @@ def test_updates_learn_the_same_but_for_rounding(name):
 def test_an_actors_update_differentiates_by_no_weight_of_the_critics():
     model = make()
     observations = torch.rand(8, model.observation_space.shape[0])
-    with sparing_updates(model):
+    with fast_updates(model):
         actions = torch.zeros(8, model.action_space.shape[0], requires_grad=True)
         torch.cat(model.critic(observations, actions)).sum().backward()
         assert all(parameter.grad is None for parameter in model.critic.parameters())
@@ -92,7 +92,7 @@ def test_actions_have_their_gradient_also_where_all_of_them_are_zero():
     observations = torch.zeros(8, model.observation_space.shape[0])
     observations[:, 3] = 1.0
     gradients = []
-    for context in (contextlib.nullcontext(), sparing_updates(model)):
+    for context in (contextlib.nullcontext(), fast_updates(model)):
         actions = torch.zeros(8, model.action_space.shape[0], requires_grad=True)
         with context:
             model.critic.q1_forward(observations, actions).sum().backward()
@@ -125,7 +125,7 @@ def test_a_number_that_is_not_finite_is_seen():
 def test_afterwards_the_model_is_as_before(name):
     model = make(*ALGORITHMS[name])
     modules, attributes = kinds(model), set(vars(model.critic))
-    with sparing_updates(model):
+    with fast_updates(model):
         assert ZeroSkippingLinear in kinds(model)
         with pytest.raises(RuntimeError):  # of other shapes
             model.critic(torch.zeros(2, 3), torch.zeros(2, 3, requires_grad=True))
@@ -157,7 +157,7 @@ def fused(model):
 def test_adam_passes_over_the_weights_once_meanwhile_unless_told_otherwise(chosen, meanwhile):
     model = make(policy_kwargs=chosen)
     before = fused(model)
-    with sparing_updates(model):
+    with fast_updates(model):
         assert fused(model) == meanwhile
     assert fused(model) == before
 
@@ -165,7 +165,7 @@ def test_adam_passes_over_the_weights_once_meanwhile_unless_told_otherwise(chose
 def test_an_algorithm_without_critics_of_actions_is_left_alone():
     model = PPO("MlpPolicy", "Pendulum-v1", n_steps=8, batch_size=8)
     modules = kinds(model)
-    with sparing_updates(model):
+    with fast_updates(model):
         assert kinds(model) == modules
 
 
@@ -182,3 +182,12 @@ def test_a_run_trains_so(tmp_path):
     )
     train(config, tmp_path / "run", callbacks=[Look()], progress_bar=False)
     assert seen == [ZeroSkippingLinear] * 3
+
+
+def test_the_name_up_to_0_2_still_works_and_says_the_new_one():
+    model = make()
+    with pytest.warns(DeprecationWarning, match="is now fast_updates"):
+        context = sparing_updates(model)
+    with context:
+        assert "forward" in vars(model.critic)
+    assert "forward" not in vars(model.critic)

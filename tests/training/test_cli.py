@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import os
 import re
+import shlex
 import subprocess
 import sys
 
@@ -17,6 +18,7 @@ from fresh_python import run_python
 import sb3_piano
 from sb3_piano.cli import main
 from sb3_piano.cli.common import adder
+from sb3_piano.cli.main import COMMANDS, parser_of
 from sb3_piano.cli.settings import add_settings, given
 from sb3_piano.envs import ENV_IDS
 from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS
@@ -106,7 +108,9 @@ def test_imported_benchmark_pieces_are_listed_among_the_environments(tmp_path, m
     for name in ("mine", "etude-12-PartitaNo26"):
         Library().add(score, name, source="a test", fingering="ours")
     assert main(["envs"]) == 0
-    assert capsys.readouterr().out.split() == [*ENV_IDS, "RoboPianist-etude-12-PartitaNo26-v0"]
+    *built_in, last = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in built_in] == [*ENV_IDS]
+    assert last.split(maxsplit=1) == ["RoboPianist-etude-12-PartitaNo26-v0", "an imported piece"]
 
 
 def test_options_reach_the_run(tmp_path, capsys):
@@ -138,14 +142,37 @@ def test_steps_are_a_whole_number(steps, capsys):
     assert "is no whole number from 1 on, such as 1000 or 1e5" in capsys.readouterr().err
 
 
-def test_presets_and_environments_are_listed(capsys):
+def test_presets_and_environments_are_listed_with_what_they_are_for(capsys):
     assert main(["presets"]) == 0
     files = [file for of_set in (PRESETS, *NAMED.values(), FINE_TUNING) for file in of_set.values()]
-    assert capsys.readouterr().out.split() == [str(path) for path in files]
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [str(path) for path in files]
+    assert lines[0].endswith("  CrossQ for the piano environments")
     assert main(["envs"]) == 0
-    listed = capsys.readouterr().out.split()
-    assert listed == list(ENV_IDS)
-    assert all(env_id in gym.registry for env_id in listed)
+    listed = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert [env_id for env_id, _ in listed] == list(ENV_IDS)
+    assert all(env_id in gym.registry for env_id, _ in listed)
+    assert dict(listed)["RoboPianist-scale-CMajor-v0"] == "a scale"
+
+
+def test_a_list_is_cut_to_what_has_a_text(capsys):
+    assert main(["envs", "SCALE-c"]) == 0
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert listed == [env_id for env_id in ENV_IDS if "scale-C" in env_id] != []
+    assert main(["presets", "fsat"]) == 2
+    assert "Nothing has 'fsat' in its name" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_help_opens_with_a_sentence_and_an_example_that_is_one(name, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main([name, "--help"])
+    usage, sentence, example, *_ = capsys.readouterr().out.split("\n\n")
+    assert usage.startswith(f"usage: sb3-piano {name} ")
+    assert sentence.endswith(".")
+    program, *given = shlex.split(example)
+    assert (program, given[0]) == ("sb3-piano", name)
+    assert parser_of(given).parse_args(given).command
 
 
 def test_the_version_is_told(capsys):

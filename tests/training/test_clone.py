@@ -18,7 +18,7 @@ from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.training import OpenPlayer, RunFolder, clone, evaluate, resume
-from sb3_piano.training.playing.player import player_to_record
+from sb3_piano.training.playing.recording import player_to_record
 
 PENDULUM = "robopianist/Pendulum-v1/td3-v0"
 QUICK = {"epochs": 2, "net_arch": [8], "seed": 0}

@@ -142,7 +142,8 @@ def test_the_main_metrics_are_compared_unless_others_are_named(written):
 def test_run_folders_and_folders_of_runs_are_read(run_folder, tmp_path):
     run = run_folder("td3/one", "Scale", [0.2, 0.4])
     run_folder("sac/one", "Scale", [0.5])
-    run_folder("sac/two", "Scale", [0.7])
+    run_folder("sac/cells/deep/two", "Scale", [0.7])  # as a sweep has them
+    run_folder("sac/one/base", "Scale", [0.0])  # a copy of what a run corrects counts for nothing
     run_folder("sac/three", "Waltz", [0.9])
     comparison = compare(run, tmp_path / "sac")
     (pair,) = comparison.metrics[0].pairs

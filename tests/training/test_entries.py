@@ -21,7 +21,8 @@ from sb3_piano.training.configuration.entries import (
     write_entry,
     zoo_entry,
 )
-from sb3_piano.training.configuration.yaml_files import entry_config, read_yaml_mapping
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import entry_config
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"

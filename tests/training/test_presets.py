@@ -24,7 +24,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.training import evaluate, load_config, train
-from sb3_piano.training.playing.player import write_player
+from sb3_piano.training.playing.player_files import write_player
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.vec_env import HandsAsAgents
 

@@ -32,7 +32,8 @@ from sb3_piano.training import (
     train,
 )
 from sb3_piano.training.configuration.plugins import Plugin
-from sb3_piano.training.playing.player import player_to_record, write_player
+from sb3_piano.training.playing.player_files import write_player
+from sb3_piano.training.playing.recording import player_to_record
 from sb3_piano.wrappers import PitchShift
 
 TUNE = Score(notes=[Note(onset=i / 5, offset=(i + 1) / 5, pitch=72 + i, finger=i) for i in (0, 1)])

@@ -15,7 +15,7 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import OpenPlayer, RunConfig, evaluate, resume, train
 from sb3_piano.training.configuration.names import ALGORITHMS
-from sb3_piano.training.playing.player import write_player
+from sb3_piano.training.playing.player_files import write_player
 from sb3_piano.training.runs.saved import model_files
 
 ON_POLICY = ("ppo", "a2c", "trpo")
@@ -154,7 +154,7 @@ def test_an_interruption_leaves_no_folder(pendulum_run, tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     run = pendulum_run()
-    monkeypatch.setattr("sb3_piano.training.playing.player.pack_weights", ctrl_c)
+    monkeypatch.setattr("sb3_piano.training.playing.player_files.pack_weights", ctrl_c)
     with pytest.raises(KeyboardInterrupt):
         write_player(run.path, tmp_path / "shared")
     assert not (tmp_path / "shared").exists()
@@ -164,7 +164,7 @@ def test_the_help_says_what_loading_a_run_may_do(capsys):
     for command in ("evaluate", "play", "report", "train", "record", "clone"):
         with pytest.raises(SystemExit):
             main([command, "--help"])
-        assert "Trust: the model.zip and vecnormalize.pkl" in " ".join(
+        assert "Trust: a run's model.zip is a Python pickle" in " ".join(
             capsys.readouterr().out.split()
         )
 

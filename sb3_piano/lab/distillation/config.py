@@ -29,8 +29,8 @@ from sb3_piano.settings import (
     Unit,
     settings,
 )
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import plain
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 DEFAULT_FILE = Path(__file__).with_name("distill.yml")
 """The settings that come with the package."""

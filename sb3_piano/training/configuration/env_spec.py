@@ -6,12 +6,11 @@ import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import gymnasium as gym
 from pydantic import BeforeValidator, ValidationInfo
 
-from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.envs.terms import own_terms
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
@@ -24,6 +23,9 @@ from sb3_piano.settings import settings
 from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import Plugin, parse_plugins, with_arguments
 from sb3_piano.training.configuration.values import coerce_mapping, plain
+
+if TYPE_CHECKING:
+    from sb3_piano.callbacks.own_env import EnvWrapper
 
 Env = gym.Env[Any, Any]
 

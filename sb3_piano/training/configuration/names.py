@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import importlib
 import sys
+from typing import TYPE_CHECKING
 
 import gymnasium as gym
-from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.imports import check_package, import_name
 from sb3_piano.players import PLAYERS
 from sb3_piano.settings import refuse_unknown
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 _ALGORITHMS = {
     "td3": "stable_baselines3.TD3",

@@ -28,7 +28,7 @@ from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import BASE, MODEL, EnvSpec
 from sb3_piano.training.configuration.names import PLANNERS
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.unfinished import PARTIAL_SUFFIX
 

@@ -11,6 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from sb3_piano.exceptions import MissingPackageError
 from sb3_piano.metrics import episode
 from sb3_piano.metrics.episode import RETURN_PREFIX, Definition, has_value
 from sb3_piano.metrics.onsets import ONSET_TOLERANCE
@@ -92,8 +93,13 @@ def plural(number: int, one: str, many: str = "") -> str:
 
 @cache
 def _environment() -> Environment:
-    from plotly.offline import get_plotlyjs  # slow to import, and of no use without a page
-    from plotly.utils import PlotlyJSONEncoder
+    try:
+        from plotly.offline import get_plotlyjs  # slow to import, and of no use without a page
+        from plotly.utils import PlotlyJSONEncoder
+    except ImportError as error:
+        raise MissingPackageError(
+            "A page needs plotly, which is not installed: pip install plotly"
+        ) from error
 
     loader = PackageLoader("sb3_piano.viewing.report")
     environment = Environment(

@@ -15,7 +15,7 @@ from yaml_rows import Tables
 
 from sb3_piano import threads
 from sb3_piano.cli import main
-from sb3_piano.cli.main import _parser
+from sb3_piano.cli.main import parser_of
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import HELD_OUT
@@ -86,7 +86,7 @@ def test_the_commands_of_results_are_ones_that_there_are():
     for found in ALL_RESULTS:
         program, *arguments = shlex.split(found.command)
         assert program == "sb3-piano"
-        given = _parser().parse_args(arguments)
+        given = parser_of().parse_args(arguments)
         assert (given.pieces, given.players) == ([found.piece], [found.player])
 
 

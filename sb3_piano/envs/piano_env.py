@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.actions import ActionMap
+from sb3_piano.envs.blocks import Encoding
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.encodings import Encoding, FingerEncoding, RollEncoding
+from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
 from sb3_piano.envs.episode_end import LimitRef, StepInfo, ends_by_limit, time_limits
 from sb3_piano.envs.goal import Goal, reward_terms
 from sb3_piano.envs.hand_encoding import HandEncoding
@@ -544,8 +545,8 @@ class PianoEnv(gym.Env[Any, Any]):
 def _make_encoding(config: PianoEnvConfig, scene: PianoScene, roll: PianoRoll) -> Encoding:
     """Return what writes the observations; a window of keys is cut for the roll."""
     if config.observation == "hands":
-        return HandEncoding(scene, config.control_timestep)
+        return HandEncoding(scene, config)
     if config.observation == "fingers":
-        return FingerEncoding(scene, config.n_steps_lookahead, config.control_timestep)
+        return FingerEncoding(scene, config)
     window = KeyWindow.of(roll, _WINDOW_MARGIN) if config.observation == "window" else ALL_KEYS
-    return RollEncoding(scene, config.n_steps_lookahead, window)
+    return RollEncoding(scene, config, window)

@@ -241,10 +241,9 @@ _EPSILON = np.float32(1e-5)  # torch.nn.LayerNorm's
 
 def _of_piano(piano: PianoEnv) -> dict[str, Any]:
     """Return what a network must have been trained for to play here."""
-    timestep = piano.config.control_timestep
-    layout = HandEncoding(piano.scene, timestep).layout
+    layout = HandEncoding(piano.scene, piano.config).layout
     return {
-        "control_timestep": timestep,
+        "control_timestep": piano.config.control_timestep,
         "actions": len(piano.scene.ctrl_low) // len(piano.scene.sides),
         "blocks": _blocks_of_hand(layout, f"{piano.scene.sides[0]}_"),
     }

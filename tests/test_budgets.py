@@ -19,7 +19,7 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_790,
+    "base": 1_943,
     "batch": 1_970,
     "buffers": 660,
     "callbacks": 2_770,
@@ -38,7 +38,7 @@ LINES = {
     "policies": 1_580,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_290,
+    "training": 6_140,
     "tuning": 1_390,
     "vec_env": 490,
     "viewing": 2_587,

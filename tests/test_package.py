@@ -23,6 +23,7 @@ ROOT = Path(__file__).parents[1]
 ROOMS = [
     "text",
     "exceptions",
+    "imports",
     "user_data",
     "registration",
     "settings",

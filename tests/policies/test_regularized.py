@@ -8,13 +8,13 @@ from stable_baselines3 import SAC, TD3
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.imports import import_name
 from sb3_piano.policies import (
     RegularizedSACPolicy,
     RegularizedTD3Policy,
     RegularizedTQCPolicy,
     RSNorm,
 )
-from sb3_piano.training.configuration.names import import_name
 
 POLICIES = {SAC: RegularizedSACPolicy, TD3: RegularizedTD3Policy, TQC: RegularizedTQCPolicy}
 each = pytest.mark.parametrize("algorithm", [SAC, TD3])

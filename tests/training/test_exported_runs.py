@@ -13,8 +13,8 @@ from fresh_python import run_python
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.imports import import_name, known_packages_only
 from sb3_piano.training import evaluate, export_run, load_player
-from sb3_piano.training.configuration.names import import_name, known_packages_only
 
 FRESH = """
     import pickle, sys

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.configuration.names import full_name, import_name
+from sb3_piano.imports import full_name, import_name
 from sb3_piano.training.configuration.values import coerce, parse_zoo_text
 
 UNREAD = r"cannot be read \(.*\): expected literals, dict\(\.\.\.\) and names of classes"

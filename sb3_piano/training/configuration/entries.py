@@ -13,7 +13,8 @@ import gymnasium as gym
 import sb3_piano.wrappers
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import dump_yaml, write_text
-from sb3_piano.training.configuration.names import full_name, import_name, is_dotted, registered_id
+from sb3_piano.imports import full_name, import_name, is_dotted
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import parse_plugins
 from sb3_piano.training.configuration.values import coerce_mapping
 from sb3_piano.training.configuration.yaml_files import entry_config

@@ -14,12 +14,13 @@ from pydantic import BeforeValidator, ValidationInfo
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
+from sb3_piano.imports import import_name
 from sb3_piano.music import Score, find_piece, select_pieces
 from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.fingering.apply import FINGERINGS
 from sb3_piano.players import PlayerResidual
 from sb3_piano.settings import settings
-from sb3_piano.training.configuration.names import import_name, registered_id
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import Plugin, parse_plugins, with_arguments
 from sb3_piano.training.configuration.values import coerce_mapping, plain
 

@@ -17,8 +17,8 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from stable_baselines3.common.buffers import BaseBuffer
 
 from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.imports import full_name, import_class, import_name, is_dotted
 from sb3_piano.settings import Expected, Number, Whole, checked, number_in, refuse_unknown
-from sb3_piano.training.configuration.names import full_name, import_class, import_name, is_dotted
 
 MODEL_PARTS = (torch.nn.Module, torch.optim.Optimizer, BaseBuffer)
 """Base classes of what an algorithm's arguments may name: networks, features extractors

@@ -37,10 +37,10 @@ from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.imports import import_class, import_name
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import Env, EnvSpec
-from sb3_piano.training.configuration.names import import_class, import_name
 from sb3_piano.training.configuration.values import (
     classes_made,
     linear_start,

@@ -17,6 +17,7 @@ from typing import Any
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import Place, read_file, write_bytes, write_yaml
+from sb3_piano.imports import full_name, import_name, is_dotted, known_packages_only
 from sb3_piano.jobs.folders import PROVENANCE, SETTINGS, is_empty, unwritable
 from sb3_piano.links import check_inside, keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -26,13 +27,7 @@ from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import BASE, MODEL, EnvSpec
-from sb3_piano.training.configuration.names import (
-    PLANNERS,
-    full_name,
-    import_name,
-    is_dotted,
-    known_packages_only,
-)
+from sb3_piano.training.configuration.names import PLANNERS
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.unfinished import PARTIAL_SUFFIX

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sb3_piano.arrays import Arrays, Float32Array
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.imports import import_class
 from sb3_piano.music import PianoRoll
 from sb3_piano.simulation import PianoScene, Simulation
 
@@ -174,10 +175,10 @@ class AddedBlocks(Encoding):
         """Put blocks behind those of an encoding.
 
         Raises:
-            ConfigError: If two blocks have one name.
+            ConfigError: If two blocks have one name, or one does not say what it is.
         """
         self._inner = inner
-        added = [block.described() for block in blocks]
+        added = [_described(block) for block in blocks]
         super().__init__(blocks, ObservationLayout([*inner.layout.values(), *added]))
 
     def split(self, numbers: Float32Array) -> list[Float32Array]:
@@ -209,6 +210,38 @@ class AddedBlocks(Encoding):
             if not np.isfinite(out).all():
                 raise _misfit(block, f"writes {out.tolist()} in control step {step}")
         return self._page.copy()
+
+
+def block_classes(named: Sequence[Any]) -> tuple[type[Block], ...]:
+    """Return the classes of blocks that are given as such or by their import paths.
+
+    Raises:
+        ConfigError: If one is none, or cannot be imported.
+    """
+    return tuple(map(_block_class, named))
+
+
+def _block_class(named: Any) -> type[Block]:
+    if isinstance(named, str):
+        return import_class(named, Block)
+    if isinstance(named, type) and issubclass(named, Block):
+        return named
+    raise ConfigError(
+        f"observation_blocks has {named!r}: expected subclasses of sb3_piano.envs.Block, or their "
+        "import paths."
+    )
+
+
+def _described(block: Block) -> ObservationBlock:
+    try:
+        found = block.described()
+        np.broadcast_to(np.asarray(found.low) <= found.high, found.shape)
+        return found
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"The observation block {type(block).__name__} does not say what it is ({error}): "
+            "expected a name, a meaning, a shape, and bounds that fit it."
+        ) from error
 
 
 def _rows(block: Block, known: Any, shape: tuple[int, ...]) -> Float32Array | None:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.actions import ActionMap
-from sb3_piano.envs.blocks import Encoding
+from sb3_piano.envs.blocks import AddedBlocks, Encoding
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
 from sb3_piano.envs.episode_end import LimitRef, StepInfo, ends_by_limit, time_limits
@@ -86,6 +86,8 @@ class PianoEnv(gym.Env[Any, Any]):
     of each finger with their times, the keys around each fingertip, and where the arm is wanted.
     All of it follows from the piece as a whole, which is read when an episode begins. It needs
     fingers, too; :class:`~sb3_piano.wrappers.HandActions` are the actions that go with it.
+
+    ``observation_blocks`` puts blocks of your own at the end, see :class:`~sb3_piano.envs.Block`.
 
     ## Reward
 
@@ -521,6 +523,9 @@ class PianoEnv(gym.Env[Any, Any]):
         self._goal = Goal(self._default_score, config)
         roll = self._goal.asked
         self._encoding = _make_encoding(config, self.scene, roll)
+        if config.observation_blocks:
+            blocks = [block(self.scene, config) for block in config.observation_blocks]
+            self._encoding = AddedBlocks(self._encoding, blocks)
         self._encoding.prepare(roll)
         self._clear_episode()
 

@@ -275,6 +275,14 @@ def _block(what: str, space: spaces.Space[Any], n_hands: int) -> int:
             f"n_hands is {n_hands}, the {what} space has {size} numbers: expected as many for each "
             "hand."
         )
+    layout = getattr(space, "layout", None)
+    sizes = [] if layout is None else [block.size for block in layout.values()]
+    if sizes != sizes[: len(sizes) // n_hands] * n_hands:
+        raise ConfigError(
+            f"n_hands is {n_hands}, the observation has the blocks {', '.join(layout)}: expected "
+            'equal ones for each hand, as of the observation "hands" without observation_blocks; '
+            "or n_hands=1."
+        )
     return size // n_hands
 
 

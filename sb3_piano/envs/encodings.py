@@ -218,8 +218,9 @@ class _PedalGoal(Block):
         self.high = (1.0, self._horizon * self._timestep)
 
     def prepare(self, roll: PianoRoll) -> FloatArray:
-        change = _steps_to_change(roll.sustain, self._horizon) * self._timestep
-        return np.stack([roll.sustain, change], axis=1)
+        changes = np.diff(roll.sustain, append=roll.sustain[-1])[:, None]
+        until = np.minimum(_steps_until(changes, self._horizon) + 1, self._horizon)
+        return np.concatenate([roll.sustain[:, None], until * self._timestep], axis=1)
 
 
 class _WrongKeys(Block):
@@ -233,14 +234,6 @@ class _WrongKeys(Block):
     def write(self, out: Float32Array, now: Now) -> None:
         wrong = int.from_bytes(now.simulation.sounding) & self._not_due[now.step]
         out[0] = min(wrong.bit_count(), _MOST_WRONG_KEYS)
-
-
-def _steps_to_change(values: BoolArray, most: int) -> IntArray:
-    """Return the number of steps that each value lasts from its step on, (T,), at most ``most``."""
-    changes = np.flatnonzero(np.diff(values)) + 1
-    following = np.searchsorted(changes, np.arange(len(values)), side="right")
-    at = np.append(changes, len(values) + most)[following]
-    return np.minimum(at - np.arange(len(values)), most)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -264,28 +257,24 @@ class FingerGoals:
             ScoreError: If a note has no finger label.
         """
         check_labels(roll, "fingers")
-        steps = len(roll)
-        held = _held_keys(roll)
+        held, steps = _held_keys(roll), np.arange(len(roll))[:, None]
         # A key struck anew is silent for a step before; at the last step every note ends.
         ends = (held >= 0) & (np.diff(held, axis=0, append=-2) != 0)
-        key, onset = np.full_like(held, -1), np.full_like(held, horizon)
-        release = np.full_like(held, horizon)
-        # Steps to the next onset and to the release after it, carried from the end to the start;
-        # at first beyond any horizon.
-        next_key = np.full(NUM_FINGERS, -1, dtype=np.intp)
-        until_onset = np.full(NUM_FINGERS, horizon + 1, dtype=np.intp)
-        until_release = until_onset.copy()
-        for step in range(steps - 1, -1, -1):
-            until_onset, until_release = until_onset + 1, until_release + 1
-            holding = held[step] >= 0
-            until_release[ends[step]] = 1
-            until_onset[holding] = 0
-            next_key[holding] = held[step, holding]
-            seen = until_onset <= horizon
-            key[step, seen] = next_key[seen]
-            onset[step, seen] = until_onset[seen]
-            release[step, seen] = np.minimum(until_release[seen], horizon)
-        return cls(key=key, onset=onset, release=release)
+        onset, release = _steps_until(held >= 0, horizon), _steps_until(ends, horizon) + 1
+        key = np.take_along_axis(held, np.minimum(steps + onset, len(roll) - 1), axis=0)
+        seen = onset <= horizon
+        return cls(
+            key=np.where(seen, key, -1),
+            onset=np.where(seen, onset, horizon),
+            release=np.where(seen, np.minimum(release, horizon), horizon),
+        )
+
+
+def _steps_until(events: BoolArray, horizon: int) -> IntArray:
+    """Return in how many steps each column's next event is, (T, n); beyond the horizon if none."""
+    steps = np.arange(len(events))[:, None]
+    at = np.where(events, steps, len(events) + horizon)
+    return np.minimum.accumulate(at[::-1])[::-1] - steps
 
 
 def _held_keys(roll: PianoRoll) -> IntArray:

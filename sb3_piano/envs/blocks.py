@@ -26,7 +26,7 @@ class Now(NamedTuple):
     step: int
     """Control step that is to be played next, 0 to ``len(roll) - 1``."""
     simulation: Simulation
-    """What is played, as it was read."""
+    """The simulation as it was read."""
     pedal: float
     """The pedal's command in [0, 1]."""
 
@@ -61,6 +61,7 @@ class Block:
             (T, *shape) what is known of the observation in each control step; ``None`` if nothing.
         """
         del roll
+        return None
 
     def write(self, out: Float32Array, now: Any) -> None:
         """Write what depends on a moment, :class:`Now`, into an array of the block's shape.
@@ -149,13 +150,7 @@ class Encoding:
         return rows
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
-        """Return the observation before a control step of the piece.
-
-        Args:
-            step: Control step that is to be played next, 0 to ``len(roll) - 1``.
-            simulation: What is played, as it was read.
-            pedal: The pedal's command in [0, 1].
-        """
+        """Return the observation before a control step of the piece; see :class:`Now`."""
         now = self._look(Now(step, simulation, pedal))
         for out, known in self._fixed:
             out[...] = known[step]
@@ -252,15 +247,14 @@ def _rows(block: Block, known: Any, shape: tuple[int, ...]) -> Float32Array | No
         rows = np.asarray(known, dtype=np.float32)
     except (TypeError, ValueError) as error:
         raise _misfit(block, f"prepares no numbers ({error})") from error
-    if rows.shape != shape:
-        raise _misfit(block, f"prepares numbers of the shape {rows.shape}, not {shape}")
-    if not np.isfinite(rows).all():
-        raise _misfit(block, "prepares numbers that are not finite")
+    if rows.shape != shape or not np.isfinite(rows).all():
+        finite = "finite" if np.isfinite(rows).all() else "not all finite"
+        raise _misfit(block, f"prepares numbers of the shape {rows.shape}, {finite}")
     return rows
 
 
 def _misfit(block: Block, what: str) -> ConfigError:
     return ConfigError(
         f"The observation block {block.name!r} {what}: expected finite numbers of the shape "
-        f"{block.shape}, and from prepare() as many for each control step."
+        f"{block.shape}; prepare() has as many for each control step."
     )

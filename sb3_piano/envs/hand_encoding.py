@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -182,17 +182,13 @@ def _signs(scene: PianoScene) -> FloatArray:
 class _Piece:
     """A piece of T control steps as the h hands that are there read it."""
 
-    due: BoolArray
-    """(T, 88) keys that should sound."""
+    due: BoolArray  # (T, 88) keys that should sound
     hands: list[HandReading]
-    bounds: list[FloatArray]
-    """(T + 1,) beyond which place each arm must be, m."""
-    sign: FloatArray
-    """(h, 1) -1 for the left hand."""
-    presses: FloatArray
-    """(T, h, 2, 5, 13) what is shown of presses, see _shown_presses."""
+    bounds: list[FloatArray]  # (T + 1,) beyond which place each arm must be, m
+    sign: FloatArray  # (h, 1)
+    presses: FloatArray  # (T, h, 2, 5, 13), see _shown_presses
 
-    def ahead(self, values: list[FloatArray], states: IntArray) -> FloatArray:
+    def ahead(self, values: list[Any], states: IntArray) -> FloatArray:
         """Return values of each hand, (T + 1, ...), in n states after each one, (T, h, n, ...)."""
         steps = len(self.due)
         shown = np.minimum(np.arange(steps)[:, None] + states, steps)  # after the last one it is it
@@ -207,23 +203,15 @@ class _Moment(NamedTuple):
     """The h hands before a control step, the left one in a mirror."""
 
     step: int
-    key_state: FloatArray
-    """(88,) key angle over its largest angle."""
-    joints: FloatArray
-    """(h, m) rad, or m."""
-    velocities: FloatArray
-    """(h, m) rad/s, or m/s."""
-    arm: FloatArray
-    """(h, 1) place of the arm to the little finger's side, dm."""
-    other_arm: FloatArray | float
-    """That of the other arm to its own side."""
-    tips: FloatArray
-    """(h, 5, 3) fingertips, m."""
+    key_state: FloatArray  # (88,) angles over their largest angles
+    joints: FloatArray  # (h, m) rad, or m
+    velocities: FloatArray  # (h, m) rad/s, or m/s
+    arm: FloatArray  # (h, 1) place to the little finger's side, dm
+    other_arm: FloatArray | float  # that of the other arm, to its own side
+    tips: FloatArray  # (h, 5, 3) fingertips, m
     tips_dm: FloatArray
-    """The same in dm."""
+    # (h, 8, 5, 3) from fingertips to where key frames and presses want them, dm; 0 if anywhere
     ways: FloatArray
-    """(h, 8, 5, 3) from where fingertips are to where key frames and presses want them, dm; 0 where
-    they may be anywhere."""
 
 
 class _Positions(Block):
@@ -430,18 +418,9 @@ class _OtherArm(Block):
         out[:] = now.arm + now.other_arm
 
 
-_BLOCKS = (
-    _Positions,
-    _Velocities,
-    _Fingertips,
-    _Frames,
-    _Presses,
-    _Keys,
-    _Places,
-    _Busy,
-    _Line,
-    _OtherArm,
-)
+_BODY = (_Positions, _Velocities, _Fingertips)
+_MUSIC = (_Frames, _Presses, _Keys, _Places, _Busy, _Line, _OtherArm)
+_BLOCKS = (*_BODY, *_MUSIC)
 """The blocks of a hand in their order."""
 
 _KEY, _TIMES, _POINT, _THERE = 0, slice(1, 3), slice(3, 6), 6

@@ -86,6 +86,8 @@ def test_the_card_has_the_figures_of_the_evaluation_in_the_format_of_the_hub(exp
         {"env_module": "evil"},
         {"env_wrapper": "evil.Wrapper"},
         {"env_wrapper": "torch.os.system"},
+        {"env_kwargs": {"observation_blocks": ["evil.Block"]}},
+        {"env_kwargs": "dict(observation_blocks=['torch.os.system'])"},
         {"callback": [{"evil.Callback": {}}]},
         {"vec_env_wrapper": "evil.Wrapper"},
         {"policy": "evil.Policy"},

@@ -151,3 +151,17 @@ def import_class(name: str, *bases: type) -> type:
             "the import path of one."
         )
     return found
+
+
+def import_instance(name: str, kind: type) -> Any:
+    """Return what an import path names; of an exported run only what is of a kind.
+
+    Any function of a known package could be called otherwise, for what it was not made for.
+    """
+    found = import_name(name)
+    if _known_only.get() and not isinstance(found, kind):
+        raise ConfigError(
+            f"{name!r} is refused, as settings of an exported run call no functions by name: "
+            f"expected the import path of a {kind.__name__}."
+        )
+    return found

@@ -107,6 +107,11 @@ class BatchedPiano:
                 "environment and cannot be batched: expected no observation_blocks; or single "
                 "environments."
             )
+        if env.config.reward_terms:
+            raise ConfigError(
+                f"Reward term {next(iter(env.config.reward_terms))!r} sees one environment and "
+                "cannot be batched: expected no reward_terms; or single environments."
+            )
         self.piano: PianoEnv = env
         """The environment that is batched: its scene, spaces, settings; no world of the batch."""
         if moving_keys is not None:

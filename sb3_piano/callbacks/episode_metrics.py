@@ -11,8 +11,8 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.metrics.episode import RETURN_PREFIX
 
-RETURN_PREFIX = "return_"
 _GROUPS = {RETURN_PREFIX: "reward", "finger_share_": "fingers"}
 
 

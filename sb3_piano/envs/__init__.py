@@ -12,10 +12,10 @@ from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.record import EnvState as EnvState
 from sb3_piano.envs.record import Snapshot as Snapshot
 from sb3_piano.envs.recorder import EpisodeRecorder
-from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
-from sb3_piano.envs.rewards import RETURN_KEYS as RETURN_KEYS
-from sb3_piano.envs.rewards import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED_REWARD_WEIGHTS
 from sb3_piano.envs.score_choice import ScoreTransform as ScoreTransform
+from sb3_piano.envs.terms import DEFAULT_REWARD_WEIGHTS, StepView, Term
+from sb3_piano.envs.terms import RETURN_KEYS as RETURN_KEYS
+from sb3_piano.envs.terms import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED_REWARD_WEIGHTS
 from sb3_piano.envs.vector_env import PianoVectorEnv
 from sb3_piano.performance import Performance
 from sb3_piano.registration import DEBUG_IDS as DEBUG_IDS
@@ -36,4 +36,6 @@ __all__ = [
     "PianoEnv",
     "PianoEnvConfig",
     "PianoVectorEnv",
+    "StepView",
+    "Term",
 ]

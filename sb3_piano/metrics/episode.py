@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -41,6 +41,9 @@ class Definition:
         return f"{round(value, self.digits) + 0.0:.{self.digits}f}"  # + 0.0 turns -0.0 into 0.0
 
 
+RETURN_PREFIX = "return_"
+"""Beginning of the names in the final ``info`` of the sums of the weighted reward terms."""
+
 DEFINITIONS: Mapping[str, Definition] = MappingProxyType(
     {
         name: Definition(name, section, short=words.pop("short", words["label"]), **words)
@@ -50,6 +53,23 @@ DEFINITIONS: Mapping[str, Definition] = MappingProxyType(
 )
 """By name, in the order of a table: ``EPISODE_METRICS``, ``return_<term>`` for each reward term of
 the environments, and what every episode has: ``return`` and ``length``."""
+
+
+def in_order(metrics: Iterable[str]) -> list[str]:
+    """Return names in the order of a table; last the returns of terms that nobody defined."""
+    found = list(metrics)
+    own = [n for n in found if n.startswith(RETURN_PREFIX) and n not in DEFINITIONS]
+    return [*(name for name in DEFINITIONS if name in found), *own]
+
+
+def definition_of(name: str) -> Definition:
+    """Return the definition of a number; one that nobody defined is called by its name."""
+    if name in DEFINITIONS:
+        return DEFINITIONS[name]
+    if name.startswith(RETURN_PREFIX):
+        words = name.removeprefix(RETURN_PREFIX).replace("_", " ")
+        return Definition(name, "Return", f"return from {words}", "", words, digits=2)
+    return Definition(name, "", name, "", name)
 
 
 def has_value(name: str, metrics: Mapping[str, float]) -> bool:

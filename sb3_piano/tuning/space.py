@@ -17,7 +17,7 @@ from typing import Any
 from optuna import distributions as optunas
 from optuna.trial import BaseTrial, create_trial
 
-from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
+from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names, one_line
 from sb3_piano.settings import Count, NotNegative, Positive, Share, checked, number_in
 from sb3_piano.training import RunConfig
@@ -225,8 +225,8 @@ class Space(dict[str, Parameter]):
             return None if wanted is None else next(same, None)
 
         arguments = {name: p.default for name, p in parameters_of(algorithm_class(algo)).items()}
-        env_kwargs = {**vars(PianoEnvConfig()), "reward_weights": DEFAULT_REWARD_WEIGHTS}
-        defaults = {**arguments, "policy": RunConfig.policy, "env_kwargs": env_kwargs}
+        env = PianoEnvConfig(reward_terms=setting_at(entry, "env_kwargs.reward_terms", {}))
+        defaults = {**arguments, "policy": RunConfig.policy, "env_kwargs": vars(env)}
         found = {p.stored_name(name): stored(name, p) for name, p in self.items()}
         return {name: value for name, value in found.items() if value is not None}
 

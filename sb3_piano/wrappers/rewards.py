@@ -9,7 +9,7 @@ from typing import Any, SupportsFloat
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.envs.config import RewardWeight
+from sb3_piano.envs.terms import RewardWeight
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.settings import Count, Index, Share, checked, refuse_unknown

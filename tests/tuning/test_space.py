@@ -264,6 +264,17 @@ def test_defaults_count_and_what_lies_outside_is_left_out(entry, params):
     assert SPACE.params_of("sac", ENV_ID, {**ENTRY, **entry}) == params
 
 
+def test_the_weight_of_a_reward_term_of_ones_own_is_searched_from_its_default():
+    name = "env_kwargs.reward_weights.still"
+    space = Space({name: {"float": [0.1, 2.0]}})
+    entry = {**ENTRY, "env_kwargs": {"reward_terms": {"still": "own_terms.still"}}}
+    assert space.params_of("sac", ENV_ID, entry) == {name: 0.25}
+    assert space.params_of("sac", ENV_ID, with_settings(entry, {name: 0.5})) == {name: 0.5}
+    check_space(space, "sac", ENV_ID, entry)
+    with pytest.raises(ConfigError, match="Unknown reward term 'still'"):
+        check_space(space, "sac", ENV_ID, ENTRY)
+
+
 # Spaces by name and from files.
 
 

@@ -92,7 +92,7 @@ def test_names_are_text_whatever_they_hold():
     html = report_html(report(played, metrics=metrics, **drawn, **facts))
     page = Page(html)
     assert page.stack == []
-    assert page.text.count(EVIL) == 7  # head, heading, subtitle, fact and command twice each
+    assert page.text.count(EVIL) == 8  # head, heading, subtitle, row, fact and command twice each
     harmless = Page(report_html(report(baseline=None, curves=curves("music/f1", "reward/a"))))
     assert page.count("script") == harmless.count("script")
     assert page.count("b") == harmless.count("b")

@@ -28,12 +28,12 @@ _EXAMPLE = "dict(net_arch=[256, 256], activation_fn=nn.ReLU)"
 
 
 def plain(value: Any, key: str) -> Any:
-    """Return a copy in YAML's types: lists for tuples, text for paths and for classes."""
+    """Return a copy in YAML's types: lists for tuples, text for paths, classes and functions."""
     if value is None or type(value) in (bool, int, float, str):
         return value
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if isinstance(value, type):
+    if isinstance(value, type | types.FunctionType):
         return f"{value.__module__}.{value.__qualname__}"
     if isinstance(value, Mapping):
         for name in value:

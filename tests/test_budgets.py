@@ -20,12 +20,12 @@ TESTS = Path(__file__).parent
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
     "base": 1_963,
-    "batch": 1_969,
+    "batch": 1_977,
     "buffers": 654,
     "callbacks": 2_774,
-    "cli": 3_301,
+    "cli": 3_297,
     "demonstrations": 1_499,
-    "envs": 3_357,
+    "envs": 3_653,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 962,
@@ -34,11 +34,11 @@ LINES = {
     "music": 8_510,
     "pipelines": 1_358,
     "planning": 2_700,
-    "players": 2_160,
-    "policies": 1_579,
+    "players": 2_163,
+    "policies": 1_588,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_279,
+    "training": 6_282,
     "tuning": 1_391,
     "vec_env": 488,
     "viewing": 2_607,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_711
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_933, "modules": 330, "names": 223},
+    "core": {"lines": 49_252, "modules": 331, "names": 224},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_869},
+    "tests": {"lines": 43_147},
 }
 
 

@@ -1,5 +1,7 @@
 """The piano environment, alone or as a vector, and its registration with gymnasium."""
 
+from sb3_piano.envs.blocks import Block
+from sb3_piano.envs.blocks import Now as Now
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.observation import ALL_KEYS as ALL_KEYS
 from sb3_piano.envs.observation import KeyWindow as KeyWindow
@@ -27,6 +29,7 @@ __all__ = [
     "ENV_IDS",
     "GENERAL_ID",
     "SELF_ACTUATED_ID",
+    "Block",
     "EpisodeRecorder",
     "ObservationSpace",
     "Performance",

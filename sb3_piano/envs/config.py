@@ -9,10 +9,11 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 
+from sb3_piano.envs.blocks import block_classes
 from sb3_piano.envs.terms import SELF_ACTUATED_TERMS, TERMS, RewardWeight, Term, own_terms
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import HANDS, Hand
-from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
+from sb3_piano.settings import Listed, Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.viewing import View
 
@@ -64,6 +65,9 @@ class PianoEnvConfig:
     """"roll" is RoboPianist's observation; "window" is the same for the keys of the piece and three
     beside them; "fingers" has for each finger where and when it must press next; "hands" has what
     each hand read in the whole piece, both seen as right hands."""
+    observation_blocks: Annotated[tuple[Any, ...], Listed] = ()
+    """Blocks of your own at the end of the observation: subclasses of
+    :class:`~sb3_piano.envs.Block`, or their import paths, "package.module.Name"."""
     control_timestep: Number = 0.05
     """Length of a control step, s; a whole number of physics steps."""
     initial_buffer_time: Annotated[Number, Ge(0), Unit("s")] = 0.0
@@ -120,6 +124,7 @@ class PianoEnvConfig:
         return cls(**options)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "observation_blocks", block_classes(self.observation_blocks))
         object.__setattr__(self, "reward_terms", own_terms(self.reward_terms))
         default = {name: term.weight for name, term in self.terms.items()}
         refuse_unknown(self.reward_weights, default, "reward term")

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.actions import ActionMap
+from sb3_piano.envs.blocks import AddedBlocks, Encoding
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.encodings import Encoding, FingerEncoding, RollEncoding
+from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
 from sb3_piano.envs.episode_end import LimitRef, StepInfo, ends_by_limit, time_limits
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.hand_encoding import HandEncoding
@@ -86,6 +87,8 @@ class PianoEnv(gym.Env[Any, Any]):
     of each finger with their times, the keys around each fingertip, and where the arm is wanted.
     All of it follows from the piece as a whole, which is read when an episode begins. It needs
     fingers, too; :class:`~sb3_piano.wrappers.HandActions` are the actions that go with it.
+
+    ``observation_blocks`` puts blocks of your own at the end, see :class:`~sb3_piano.envs.Block`.
 
     ## Reward
 
@@ -523,6 +526,9 @@ class PianoEnv(gym.Env[Any, Any]):
         self._goal = Goal(self._default_score, config)
         roll = self._goal.asked
         self._encoding = _make_encoding(config, self.scene, roll)
+        if config.observation_blocks:
+            blocks = [block(self.scene, config) for block in config.observation_blocks]
+            self._encoding = AddedBlocks(self._encoding, blocks)
         self._encoding.prepare(roll)
         self._clear_episode()
 
@@ -554,8 +560,8 @@ class PianoEnv(gym.Env[Any, Any]):
 def _make_encoding(config: PianoEnvConfig, scene: PianoScene, roll: PianoRoll) -> Encoding:
     """Return what writes the observations; a window of keys is cut for the roll."""
     if config.observation == "hands":
-        return HandEncoding(scene, config.control_timestep)
+        return HandEncoding(scene, config)
     if config.observation == "fingers":
-        return FingerEncoding(scene, config.n_steps_lookahead, config.control_timestep)
+        return FingerEncoding(scene, config)
     window = KeyWindow.of(roll, _WINDOW_MARGIN) if config.observation == "window" else ALL_KEYS
-    return RollEncoding(scene, config.n_steps_lookahead, window)
+    return RollEncoding(scene, config, window)

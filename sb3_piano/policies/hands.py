@@ -16,6 +16,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from torch import nn
 
+from sb3_piano.envs.observation import ObservationSpace
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies.hand_network import (
     ConstantLogStd,
@@ -274,6 +275,14 @@ def _block(what: str, space: spaces.Space[Any], n_hands: int) -> int:
         raise ConfigError(
             f"n_hands is {n_hands}, the {what} space has {size} numbers: expected as many for each "
             "hand."
+        )
+    layout = space.layout if isinstance(space, ObservationSpace) else {}
+    sizes = [block.size for block in layout.values()]
+    if sizes != sizes[: len(sizes) // n_hands] * n_hands:
+        raise ConfigError(
+            f"n_hands is {n_hands}, the observation has the blocks {', '.join(layout)}: expected "
+            'equal ones for each hand, as of the observation "hands" without observation_blocks; '
+            "or n_hands=1."
         )
     return size // n_hands
 

@@ -89,6 +89,8 @@ def test_the_card_has_the_figures_of_the_evaluation_in_the_format_of_the_hub(exp
         {"env_kwargs": "dict(reward_terms=dict(evil='torch.os.system'))"},
         {"env_kwargs": {"reward_terms": {"evil": "torch.load"}}},
         {"env_wrapper": "torch.os.system"},
+        {"env_kwargs": {"observation_blocks": ["evil.Block"]}},
+        {"env_kwargs": "dict(observation_blocks=['torch.os.system'])"},
         {"callback": [{"evil.Callback": {}}]},
         {"vec_env_wrapper": "evil.Wrapper"},
         {"policy": "evil.Policy"},

@@ -12,7 +12,7 @@ from stable_baselines3 import PPO, SAC, TD3
 from untrained_hand import write_network
 
 from sb3_piano.cli import main
-from sb3_piano.envs import GENERAL_ID
+from sb3_piano.envs import GENERAL_ID, Block
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import FINE_TUNING
 from sb3_piano.music import Note, Score, write_midi
@@ -175,6 +175,17 @@ def test_a_run_keeps_its_pieces_and_a_way_of_fingering(base):
     other = load_fine_tuning("sac", GENERAL_ID, player="base", env_kwargs={"score": "tune.mid"})
     assert other.pieces == ()
     assert other.env_kwargs["fingering"] == "ergonomic"
+
+
+class Idle(Block):
+    name, meaning = "idle", "nothing"
+
+
+@pytest.mark.parametrize("blocks", [[], [Idle]])
+def test_hands_are_corrected_one_by_one_where_nothing_else_is_observed(base, blocks):
+    base(env_kwargs={"observation": "hands", "observation_blocks": blocks})
+    config = load_fine_tuning("sac", player="base")
+    assert bool(config.vec_env_wrapper) is not bool(blocks)
 
 
 def test_a_choice_among_the_runs_pieces_is_left_out_for_others(base):

@@ -12,6 +12,7 @@ import gymnasium as gym
 from pydantic import BeforeValidator, ValidationInfo
 
 from sb3_piano.envs import GENERAL_ID
+from sb3_piano.envs.blocks import block_classes
 from sb3_piano.envs.terms import own_terms
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.imports import import_name
@@ -99,6 +100,8 @@ class EnvSpec:
         object.__setattr__(self, "module", module)
         object.__setattr__(self, "id", name)
         # Before anything is made: those of an exported run are not imported then.
+        blocks = self.options.get("observation_blocks")
+        block_classes(blocks if isinstance(blocks, list) else [])
         terms = self.options.get("reward_terms")
         own_terms(terms if isinstance(terms, Mapping) else {})
         self._check_pieces()

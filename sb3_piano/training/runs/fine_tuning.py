@@ -100,7 +100,7 @@ def _of_run(
         pieces=config.pieces if others else base.pieces,
         env_wrapper=(*own.wrappers, residual, *outside),
     )
-    if options.get("observation") == "hands":
+    if options.get("observation") == "hands" and not options.get("observation_blocks"):
         return corrected
     # Of other observations no half is a hand's: one network sees and corrects both at once.
     arguments = config.algorithm_kwargs

@@ -7,7 +7,6 @@ import multiprocessing
 import multiprocessing.util
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import threading
@@ -16,6 +15,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 from multiprocessing import spawn
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
+from signal import Signals
 from typing import Any, ParamSpec, TypeVar
 
 from sb3_piano.exceptions import ConfigError, RunError
@@ -42,13 +42,17 @@ def open_executor(
     """Give an executor of processes that end with the block, or with this process; or of Ray.
 
     A job that its process does not survive raises a ``BrokenExecutor``, and the next one gets a new
-    process. At the end of the block, jobs that have not begun are cancelled, and those that run get
-    SIGTERM and a minute to save what they have.
+    process; on a cluster it is begun again on any node, and must be fit for that. At the end of the
+    block, jobs that have not begun are cancelled, and those that run get SIGTERM, or Ctrl-C on a
+    cluster, and a minute to save what they have.
 
     Args:
         workers: Processes on this machine; by default one for each usable core.
         ray: Address of a cluster of Ray, which then does the jobs: ``HOST:PORT`` as
-            ``ray start --head`` prints it, ``auto`` or ``local``.
+            ``ray start --head`` prints it, ``auto`` for the one that this machine belongs to,
+            ``ray://HOST:PORT`` through Ray's client, or ``local`` for a new one on this machine,
+            which ends with the block. Every node needs this package, of the same version. Jobs work
+            in the present folder, where a node has one of its path.
         resources: What a job needs, on a cluster.
 
     Raises:
@@ -165,26 +169,18 @@ class _Worker:
             self._requests.send_bytes(pickle.dumps(about))
 
     def call(self, request: bytes) -> Any:
-        """Return whether a job raised, and what it returned or raised.
-
-        Raises:
-            BrokenExecutor: If the process ended before.
-        """
+        """Return whether a job raised, and what it returned or raised."""
         try:
             self._requests.send_bytes(request)
             answer = self._answers.recv_bytes()
         except (EOFError, OSError) as error:
-            raise BrokenExecutor(_death(self.process)) from error
+            code = self.process.wait()
+            how = (
+                f"ended with status {code}" if code >= 0 else f"was ended by {Signals(-code).name}"
+            )
+            raise BrokenExecutor(f"process {self.process.pid} {how}.") from error
         return pickle.loads(answer)
 
     def end(self) -> None:
         """Let the process end: it waits for the end of the pipe."""
         self._requests.close()
-
-
-def _death(process: subprocess.Popen[bytes]) -> str:
-    """Return how a process ended."""
-    code = process.wait()
-    if code >= 0:
-        return f"process {process.pid} ended with status {code}."
-    return f"process {process.pid} was ended by {signal.Signals(-code).name}."

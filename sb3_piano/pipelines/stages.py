@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextvars import ContextVar
 from dataclasses import field
 from pathlib import Path
@@ -32,7 +32,6 @@ from sb3_piano.training.configuration.yaml_files import load_config, merged, rea
 from sb3_piano.training.runs.start import without_learnt_entropy
 
 CURRICULUM_FILE = "curriculum.yml"
-"""Name of the settings in a curriculum's folder."""
 
 CONDITIONS = tuple(
     name
@@ -88,11 +87,7 @@ _Located = Annotated[TextOrPath, AfterValidator(_absolute)]
 
 @settings
 class Stage:
-    """A stage: what is played, with which settings, and when it ends.
-
-    Raises:
-        ConfigError: If not exactly one of ``piece``, ``pieces`` and ``env`` is given.
-    """
+    """A stage: what is played (``piece``, ``pieces`` or ``env``), how, and when it ends."""
 
     piece: _Located | None = None
     """A piece's name or file, which ``RoboPianist-v0`` plays."""
@@ -126,7 +121,7 @@ class Stage:
 
     @property
     def label(self) -> str:
-        """Name of the stage, in characters that suit a folder."""
+        """Name in characters that suit a folder."""
         several = self.pieces[0] if len(self.pieces) == 1 else f"{len(self.pieces)}-pieces"
         played = Path(self.piece).stem if self.piece and is_path(self.piece) else self.piece
         return re.sub(r"[^\w.-]+", "-", self.name or played or self.env or several)
@@ -134,22 +129,17 @@ class Stage:
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
         """Return the stage that YAML has, with its ``settings`` one by one."""
-        own = {name: value for name, value in mapping.items() if name in _OF_STAGES}
-        rest = {name: value for name, value in mapping.items() if name not in _OF_STAGES}
+        own, rest = _split(mapping, _OF_STAGES)
         return cls(**own, settings=rest)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the stage as YAML has it."""
-        own = {name: getattr(self, name) for name in _OF_STAGES if name != "until"}
-        own = {name: value for name, value in own.items() if value != getattr(Stage, name)}
+        changed = [n for n in _OF_STAGES if getattr(self, n) != getattr(Stage, n)]
+        own = {name: getattr(self, name) for name in changed}
         return plain({**own, **self.settings, **_until(self.until)}, "stage")
 
     def run_config(self, algo: str) -> RunConfig:
-        """Return the settings of its run, without seed and start.
-
-        Raises:
-            ConfigError: If one is not valid.
-        """
+        """Return the settings of its run, without seed and start."""
         own = {} if self.piece is None else {"env_kwargs": {"score": self.piece}}
         overrides = merged(self.settings, own)
         if self.pieces:
@@ -165,11 +155,7 @@ _OF_STAGES = tuple(f.name for f in dataclasses.fields(Stage) if f.name != "setti
 
 @settings
 class Curriculum:
-    """A curriculum: stages, each of which starts from what the one before has learnt.
-
-    Raises:
-        ConfigError: If a setting is unknown, has the wrong type or is out of range.
-    """
+    """A curriculum: stages, each of which starts from what the one before has learnt."""
 
     algo: str
     """Name of the algorithm, one of :data:`~sb3_piano.training.configuration.names.ALGORITHMS`."""
@@ -205,17 +191,13 @@ class Curriculum:
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[Any, Any]) -> Self:
-        """Return the curriculum that YAML has: settings that hold for all stages, and the stages.
+        """Return the curriculum that YAML has.
 
         It has fields of this class; the keys of :class:`Stage` that hold for all stages, its
         ``settings`` one by one; and ``stages``, a list of mappings of such keys.
-
-        Raises:
-            ConfigError: If a setting is unknown, has the wrong type or is out of range.
         """
         names = [f.name for f in dataclasses.fields(cls)]
-        own = {name: value for name, value in mapping.items() if name in names}
-        common = {name: value for name, value in mapping.items() if name not in names}
+        own, common = _split(mapping, names)
         stages = own.get("stages")
         if not isinstance(stages, list) or not stages:
             raise ConfigError(f"stages is {stages!r}: expected a list of stages, as [{_EXAMPLE}].")
@@ -229,17 +211,23 @@ class Curriculum:
                 if not isinstance(entry, Mapping):
                     raise ConfigError(f"It is {entry!r}: expected a mapping, as {_EXAMPLE}.")
                 unfit = _PLAYED if any(name in entry for name in _PLAYED) else ()
-                shared = {name: value for name, value in common.items() if name not in unfit}
-                made.append(Stage.from_mapping(merged(shared, entry)))
+                made.append(Stage.from_mapping(merged(_split(common, unfit)[1], entry)))
             except ConfigError as error:
                 raise ConfigError(f"Stage {number}: {error}") from error
         return cls(**{**own, "stages": tuple(made)})
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the curriculum in YAML's types, each stage with all its settings."""
-        own = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        own["stages"] = [stage.to_mapping() for stage in self.stages]
+        own = {**vars(self), "stages": [stage.to_mapping() for stage in self.stages]}
         return {name: value for name, value in own.items() if value is not None}
+
+
+def _split(
+    mapping: Mapping[Any, Any], names: Collection[str]
+) -> tuple[dict[Any, Any], dict[Any, Any]]:
+    """Return the entries with some names, and all others."""
+    own = {name: value for name, value in mapping.items() if name in names}
+    return own, {name: value for name, value in mapping.items() if name not in names}
 
 
 def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
@@ -248,8 +236,7 @@ def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
     Paths of files that are not absolute begin at the folder of the YAML file.
 
     Raises:
-        ConfigError: If the file cannot be read, or a setting is unknown, has the wrong type or is
-            out of range.
+        ConfigError: If the file cannot be read, or a setting is not valid.
     """
     file = Path(path, CURRICULUM_FILE) if os.path.isdir(path) else Path(path)
     mapping = {"name": file.stem, **read_yaml_mapping(file)}
@@ -263,11 +250,7 @@ def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
 
 
 def _with_evaluation(config: RunConfig, until: Condition) -> RunConfig:
-    """Return the settings of a run with the evaluations that a condition goes by.
-
-    Raises:
-        ConfigError: If so few are made that it can never be met.
-    """
+    """Return the settings of a run with the evaluations that a condition goes by."""
     plugins = config.callback
     if not any(plugin.is_a(MetricEvalCallback) for plugin in plugins):
         kind = OnsetF1Callback if OnsetF1Callback.metric in until.thresholds else F1Callback

@@ -50,16 +50,17 @@ def add_arguments(parser: Any) -> None:
 
 
 def _corpus(arguments: argparse.Namespace) -> int:
-    from sb3_piano.jobs import open_executor
+    from sb3_piano.jobs import open_executor, status
+    from sb3_piano.jobs.folders import shared_folder
     from sb3_piano.pipelines import CorpusConfig, record_corpus
-    from sb3_piano.pipelines.corpus import corpus_status
+    from sb3_piano.pipelines.corpus import corpus_jobs
 
     config = CorpusConfig(
         **given(arguments, CorpusConfig), env_kwargs=env_options(arguments.set or ())
     )
     if arguments.status:
         table = new_table("shard", "state", left=2)
-        for shard in corpus_status(config, arguments.out):
+        for shard in status(corpus_jobs(config, shared_folder(arguments.out))):
             add_row(table, shard.job.name, shard.state)
         print_table(table)
         return EXIT_OK

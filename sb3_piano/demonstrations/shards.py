@@ -176,10 +176,10 @@ def _make(job: ShardJob) -> Mapping[str, Any]:
 
 
 def make_missing(
-    executor: Executor,
+    executor: Executor | None,
     jobs: Sequence[ShardJob],
     tell: Callable[[int, int], object] = lambda done, total: None,
-    go_on: str = "give the same command again.",
+    **options: Any,
 ) -> list[Shard]:
     """Return data sets in their order; those that are not there and whole are made.
 
@@ -187,7 +187,7 @@ def make_missing(
         executor: Makes them.
         jobs: What is to be there.
         tell: Is told how many are done, and of how many.
-        go_on: How to go on when a worker died.
+        **options: Further ones of :func:`~sb3_piano.jobs.finish`.
 
     Raises:
         Exception: What the first one raised that could not be made, once the others are.
@@ -195,9 +195,8 @@ def make_missing(
     """
     known = status(jobs)
     tell(sum(one.result is not None for one in known), len(jobs))
-    outcomes = finish(
-        jobs, executor, known=known, on_outcome=lambda _, *done: tell(*done), go_on=go_on
-    )
+    options = {"known": known, "on_outcome": lambda _, *done: tell(*done), **options}
+    outcomes = finish(jobs, executor, **options)
     for outcome in outcomes:
         if outcome.error is not None:
             raise outcome.error

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
 import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import field
-from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
 from sb3_piano.exceptions import ConfigError, MissingPackageError, install_command, one_line
@@ -48,46 +45,33 @@ class Resources:
         }
 
 
-@contextlib.contextmanager
-def ray_executor(
-    address: str,
-    resources: Resources = Resources(),  # noqa: B008 - frozen
-) -> Iterator[Executor]:
-    """Give an executor whose jobs are tasks on a cluster of Ray, see ``open_executor``.
+class RayExecutor(Executor):
+    """Executor of tasks on a cluster of Ray, see ``open_executor``.
 
     A connection that this process has already is used, and kept.
     """
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
-    try:
-        import ray
-    except ImportError as error:
-        raise MissingPackageError(
-            f"Ray is not installed, which a cluster needs: {install_command('ray')}"
-        ) from error
-    is_ours = not ray.is_initialized()
-    try:
-        if is_ours:
-            ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
-    except (ConnectionError, ValueError, RuntimeError) as error:
-        raise ConfigError(
-            f"No cluster of Ray can be reached at {address!r} ({one_line(error)}). Expected the "
-            "address that 'ray start --head' prints, 'auto' on one of its machines, or 'local'."
-        ) from error
-    executor = _RayExecutor(ray, resources)
-    try:
-        yield executor
-    finally:
-        executor.shutdown(cancel_futures=True)
-        if is_ours:
-            ray.shutdown()
 
-
-class _RayExecutor(Executor):
-    def __init__(self, ray: ModuleType, resources: Resources):
-        self._ray = ray
-        self._task = ray.remote(_call).options(**resources.options())
+    def __init__(self, address: str, resources: Resources):
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
+        try:
+            import ray
+        except ImportError as error:
+            raise MissingPackageError(
+                f"Ray is not installed, which a cluster needs: {install_command('ray')}"
+            ) from error
+        self._is_ours = not ray.is_initialized()
+        try:
+            if self._is_ours:
+                ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            raise ConfigError(
+                f"No cluster of Ray can be reached at {address!r} ({one_line(error)}). Expected "
+                "the address that 'ray start --head' prints, 'auto' on one of its machines, or "
+                "'local'."
+            ) from error
+        self._ray: Any = ray
+        self._task = self._ray.remote(_call).options(**resources.options())
         self._references: dict[Future[Any], Any] = {}
-        self._lock = threading.Lock()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Begin a task.
@@ -95,24 +79,21 @@ class _RayExecutor(Executor):
         What it raised is raised as it was; the end of its process, again and again, is a
         ``BrokenExecutor`` as of a pool of processes.
         """
-        reference = self._task.remote(os.getcwd(), fn, args, kwargs)
         future: Future[T] = Future()
-        with self._lock:
-            self._references[future] = reference
+        self._references[future] = reference = self._task.remote(os.getcwd(), fn, args, kwargs)
         reference.future().add_done_callback(lambda ended: self._pass_on(ended, future))
         return future
 
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End: cancel what has not ended, if asked to, and wait for the rest."""
-        with self._lock:
-            references = list(self._references.values())
-        if cancel_futures:
-            for reference in references:
-                self._ray.cancel(reference)
-            for reference in self._unfinished(references, _GRACE):
-                self._ray.cancel(reference, force=True)
-        if wait:
-            self._unfinished(references, None)
+    def end(self) -> None:
+        """Cancel what has not ended, and wait until all has."""
+        references = list(self._references.values())
+        for reference in references:
+            self._ray.cancel(reference)
+        for reference in self._unfinished(references, _GRACE):
+            self._ray.cancel(reference, force=True)
+        self._unfinished(references, None)
+        if self._is_ours:
+            self._ray.shutdown()
 
     def _unfinished(self, references: list[Any], seconds: float | None) -> Any:
         """Wait for tasks; return those that have not ended by then."""
@@ -120,8 +101,7 @@ class _RayExecutor(Executor):
         return self._ray.wait(references, **options)[1] if references else []
 
     def _pass_on(self, ended: Future[Any], future: Future[Any]) -> None:
-        with self._lock:
-            self._references.pop(future, None)
+        self._references.pop(future, None)
         if not future.set_running_or_notify_cancel():
             return
         error = ended.exception()

@@ -19,7 +19,7 @@ from signal import Signals
 from typing import Any, ParamSpec, TypeVar
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.jobs.cluster import Resources, ray_executor
+from sb3_piano.jobs.cluster import RayExecutor, Resources
 from sb3_piano.jobs.starting import share_temporary_folder
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
@@ -61,21 +61,17 @@ def open_executor(
         MissingPackageError: If Ray is not installed.
     """
     checked("workers", workers, Count | None)
-    if ray is not None:
-        if workers is not None:
-            raise ConfigError(
-                f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run "
-                "at once on a cluster follows from what each of them needs."
-            )
-        with ray_executor(ray, resources) as executor:
-            yield executor
-        return
-    share_temporary_folder()
-    pool = _Pool(workers or usable_cores())
+    if workers is not None and ray is not None:
+        raise ConfigError(
+            f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run "
+            "at once on a cluster follows from what each of them needs."
+        )
+    executor: _Pool | RayExecutor
+    executor = _Pool(workers or usable_cores()) if ray is None else RayExecutor(ray, resources)
     try:
-        yield pool
+        yield executor
     finally:
-        pool.end()
+        executor.end()
 
 
 def explain_worker_death(error: BrokenExecutor, how_to_go_on: str) -> RunError:
@@ -103,6 +99,7 @@ class _Pool(ThreadPoolExecutor):
     """Executor whose threads each have a process do their jobs."""
 
     def __init__(self, workers: int) -> None:
+        share_temporary_folder()
         super().__init__(workers)
         self._own = threading.local()
         self._workers: set[_Worker] = set()

@@ -31,7 +31,6 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import Outcome, open_executor, status
 from sb3_piano.jobs.folders import begin_or_go_on, shared_folder
 from sb3_piano.links import make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -193,9 +192,8 @@ def record_corpus(
     require_minari()
     place = shared_folder(folder)
     _check_players(config)
-    owned = hold(place / LOCK_SUFFIX, f"'{place}' is being worked in", "one recording in a folder.")
-    pool = open_executor(workers) if executor is None else contextlib.nullcontext(executor)
-    with owned, stop_on_signal():
+    busy = f"'{place}' is being worked in"
+    with hold(place / LOCK_SUFFIX, busy, "one recording in a folder."), stop_on_signal():
         inputs = _inputs(config)
         settings = {**config.to_mapping(), "files": inputs}
         begin_or_go_on(place / _CONFIG, "corpus", settings, notes=provenance(config.seed))
@@ -206,9 +204,9 @@ def record_corpus(
             on_progress(min(done * config.shard, len(config)), len(config))
 
         again = f"give the same command again, for {shlex.quote(str(place))}"
+        jobs = corpus_jobs(config, place, inputs)
         try:
-            with pool as chosen:
-                made = datasets.make_missing(chosen, _shards(config, inputs, place), tell, again)
+            made = datasets.make_missing(executor, jobs, tell, workers=workers, go_on=again)
         except KeyboardInterrupt:
             return None
         if not any(shard.steps for shard in made):
@@ -220,15 +218,11 @@ def record_corpus(
     return RecordedCorpus.open(place)
 
 
-def corpus_status(config: CorpusConfig, folder: str | os.PathLike[str]) -> list[Outcome]:
-    """Return how far each shard of a corpus is, also while it is being recorded."""
-    return status(_shards(config, _inputs(config), shared_folder(folder)))
-
-
-def _shards(
-    config: CorpusConfig, inputs: Mapping[str, str], place: Path
+def corpus_jobs(
+    config: CorpusConfig, place: Path, inputs: Mapping[str, str] | None = None
 ) -> list[datasets.ShardJob]:
     """Return the jobs of a corpus; ``inputs`` are checksums of the files that decide it."""
+    inputs = _inputs(config) if inputs is None else inputs
     settings, size = config.to_mapping(), config.shard
     about = {name: value for name, value in settings.items() if name != "pieces"}
     jobs = []
@@ -302,11 +296,10 @@ def _check_piece_can_be_given(env: Env, run: str) -> None:
 def summary(shards: Sequence[datasets.Shard]) -> dict[tuple[str, float], tuple[int, float, float]]:
     """Return performances, mean F1 and mean onset F1 by player and noise, rad."""
     found: dict[tuple[str, float], list[Any]] = defaultdict(list)
-    for shard in shards:
-        for notes in shard.episodes:
-            found[str(notes["player"]), float(notes["noise"])].append(notes)
+    for notes in (notes for shard in shards for notes in shard.episodes):
+        found[str(notes["player"]), float(notes["noise"])].append(notes)
     return {
-        played: (len(each), *(fmean(notes[name] for notes in each) for name in ("f1", "onset_f1")))
+        played: (len(each), fmean(n["f1"] for n in each), fmean(n["onset_f1"] for n in each))
         for played, each in found.items()
     }
 

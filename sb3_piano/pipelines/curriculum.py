@@ -6,20 +6,20 @@ import contextlib
 import dataclasses
 import os
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
-from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
+from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError, naming
 from sb3_piano.files import write_yaml
-from sb3_piano.jobs import Here, Job, Outcome, status
+from sb3_piano.jobs import Here, Job
 from sb3_piano.jobs.folders import is_empty, shared_folder, unwritable
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.pipelines.stages import CURRICULUM_FILE, Curriculum, load_curriculum
-from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, training
+from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
 from sb3_piano.settings import Count, checked
 from sb3_piano.training import RunFolder
 from sb3_piano.training.runs.start import start_plugin
@@ -76,7 +76,9 @@ def run_curriculum(
     place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)
     shared_folder(folder or place)
     curriculum, begun = _with_seed(place, curriculum)
-    jobs = _jobs(place, curriculum, progress_bar=progress_bar, checkpoint_every=checkpoint_every)
+    jobs = curriculum_jobs(
+        place, curriculum, progress_bar=progress_bar, checkpoint_every=checkpoint_every
+    )
     for job in jobs[:begun]:
         job.begin()
     check_fit(curriculum, begun)
@@ -94,31 +96,26 @@ def run_curriculum(
     return result
 
 
-def curriculum_status(folder: str | os.PathLike[str]) -> list[Outcome]:
-    """Return how far each stage of a curriculum is, also while it is trained."""
-    return status(_jobs(Path(folder), load_curriculum(folder)))
-
-
-def _jobs(place: Path, curriculum: Curriculum, **options: Any) -> list[TrainingJob]:
+def curriculum_jobs(place: Path, curriculum: Curriculum, **options: Any) -> list[TrainingJob]:
     """Return a job for each stage; it needs the one before."""
     jobs: list[TrainingJob] = []
     shared = {name: getattr(curriculum, name) for name in ("algo", "seed", "init_from")}
     shared = {name: value for name, value in shared.items() if value is not None}
     start = curriculum.init_from
     for name, stage in zip(curriculum.run_names, curriculum.stages, strict=True):
-        with _of_stage(len(jobs) + 1):
+        with naming(f"Stage {len(jobs) + 1}", SB3PianoError):
             config = dataclasses.replace(stage.run_config(curriculum.algo), seed=curriculum.seed)
         if start is not None:
             plugin = start_plugin(start, stage.with_buffer, stage.with_entropy)
             config = dataclasses.replace(config, callback=(*config.callback, plugin))
-        job = training(
-            name,
-            place / name,
-            config,
+        job = TrainingJob(
+            name=name,
+            folder=place / name,
+            config=config,
             episodes=0,
             until=stage.until,
             settings=shared | stage.to_mapping(),
-            needs=[job.name for job in jobs[-1:]],
+            needs=tuple(job.name for job in jobs[-1:]),
             **options,
         )
         jobs.append(job)
@@ -164,7 +161,7 @@ def check_fit(curriculum: Curriculum, begun: int = 0) -> None:
     before: dict[str, Any] = {}
     stages = list(enumerate(curriculum.stages, start=1))
     for number, stage in stages[max(begun - 1, 0) :] if begun < len(stages) else ():
-        with _of_stage(number):
+        with naming(f"Stage {number}", SB3PianoError):
             config = stage.run_config(curriculum.algo)
             with contextlib.closing(config.env.make()) as env:
                 ours = {n: getattr(env, n) for n in ("observation_space", "action_space")}
@@ -180,15 +177,6 @@ def check_fit(curriculum: Curriculum, begun: int = 0) -> None:
                         "not go by the piece, such as 'roll'; for sizes, or no with_buffer."
                     )
             before = now
-
-
-@contextlib.contextmanager
-def _of_stage(number: int) -> Iterator[None]:
-    """Tell the number of the stage in which something is wrong."""
-    try:
-        yield
-    except SB3PianoError as error:
-        raise ConfigError(f"Stage {number}: {error}") from error
 
 
 def go_on(place: Path) -> str:

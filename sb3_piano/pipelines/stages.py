@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from contextvars import ContextVar
 from dataclasses import field
 from pathlib import Path
@@ -18,7 +18,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.callbacks.condition import Condition
 from sb3_piano.envs import GENERAL_ID
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, naming
 from sb3_piano.hyperparams import NAMED
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music.catalogue import is_path
@@ -28,7 +28,12 @@ from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.names import algorithm_class
 from sb3_piano.training.configuration.plugins import Plugin, with_arguments
 from sb3_piano.training.configuration.values import coerce_mapping, parameters_of, plain
-from sb3_piano.training.configuration.yaml_files import load_config, merged, read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import (
+    load_config,
+    merged,
+    parted,
+    read_yaml_mapping,
+)
 from sb3_piano.training.runs.start import without_learnt_entropy
 
 CURRICULUM_FILE = "curriculum.yml"
@@ -52,10 +57,9 @@ def _condition(value: Any) -> Any:
     """Return the condition that ``until`` has in YAML: ``{onset_f1: 0.8, patience: 2}``."""
     if value is None or isinstance(value, Condition):
         return value
-    entries = coerce_mapping(value, "until")
-    refuse_unknown(entries, (*CONDITIONS, *_OTHERS), "key", "until")
-    others = {name: entries.pop(name) for name in _OTHERS if name in entries}
-    least = {name: checked(f"until.{name}", value, Share) for name, value in entries.items()}
+    others, least = parted(coerce_mapping(value, "until"), _OTHERS)
+    refuse_unknown(least, (*CONDITIONS, *_OTHERS), "key", "until")
+    least = {name: checked(f"until.{name}", value, Share) for name, value in least.items()}
     return Condition(thresholds=least, **others)
 
 
@@ -129,7 +133,7 @@ class Stage:
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
         """Return the stage that YAML has, with its ``settings`` one by one."""
-        own, rest = _split(mapping, _OF_STAGES)
+        own, rest = parted(mapping, _OF_STAGES)
         return cls(**own, settings=rest)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -197,7 +201,7 @@ class Curriculum:
         ``settings`` one by one; and ``stages``, a list of mappings of such keys.
         """
         names = [f.name for f in dataclasses.fields(cls)]
-        own, common = _split(mapping, names)
+        own, common = parted(mapping, names)
         stages = own.get("stages")
         if not isinstance(stages, list) or not stages:
             raise ConfigError(f"stages is {stages!r}: expected a list of stages, as [{_EXAMPLE}].")
@@ -207,27 +211,17 @@ class Curriculum:
         refuse_unknown(common, [*names, *known], "key", "a curriculum")
         made = []
         for number, entry in enumerate(stages, start=1):
-            try:
+            with naming(f"Stage {number}"):
                 if not isinstance(entry, Mapping):
                     raise ConfigError(f"It is {entry!r}: expected a mapping, as {_EXAMPLE}.")
                 unfit = _PLAYED if any(name in entry for name in _PLAYED) else ()
-                made.append(Stage.from_mapping(merged(_split(common, unfit)[1], entry)))
-            except ConfigError as error:
-                raise ConfigError(f"Stage {number}: {error}") from error
+                made.append(Stage.from_mapping(merged(parted(common, unfit)[1], entry)))
         return cls(**{**own, "stages": tuple(made)})
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the curriculum in YAML's types, each stage with all its settings."""
         own = {**vars(self), "stages": [stage.to_mapping() for stage in self.stages]}
         return {name: value for name, value in own.items() if value is not None}
-
-
-def _split(
-    mapping: Mapping[Any, Any], names: Collection[str]
-) -> tuple[dict[Any, Any], dict[Any, Any]]:
-    """Return the entries with some names, and all others."""
-    own = {name: value for name, value in mapping.items() if name in names}
-    return own, {name: value for name, value in mapping.items() if name not in names}
 
 
 def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
@@ -242,11 +236,11 @@ def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
     mapping = {"name": file.stem, **read_yaml_mapping(file)}
     token = _folder.set(str(file.parent))
     try:
-        return Curriculum.from_mapping(mapping)
-    except ConfigError as error:
-        raise ConfigError(f"'{file}': {error}") from error
+        with naming(f"'{file}'"):
+            curriculum = Curriculum.from_mapping(mapping)
     finally:
         _folder.reset(token)
+    return curriculum
 
 
 def _with_evaluation(config: RunConfig, until: Condition) -> RunConfig:

@@ -14,15 +14,15 @@ from typing import Annotated, Any
 
 from annotated_types import MinLen
 
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import ConfigError, RunError, naming
 from sb3_piano.files import load_yaml, write_csv, write_yaml
 from sb3_piano.hyperparams import DEFAULT_ALGORITHM
-from sb3_piano.jobs import Outcome, Resources, status
+from sb3_piano.jobs import Outcome, Resources
 from sb3_piano.jobs.folders import is_empty, shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import select_pieces
 from sb3_piano.music.catalogue import is_path
-from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, training
+from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, Nested, settings
 from sb3_piano.training import RunConfig, load_config
@@ -86,19 +86,20 @@ class SweepConfig:
                     f"Two cells of the sweep are called {name!r} with seed {seed}: expected "
                     "algorithms, pieces, variants and seeds that differ."
                 )
-            try:
+            with naming(f"Cell {name!r} of the sweep"):
                 given = merged(self.settings, changed)
                 given = merged(given, {"env_kwargs": options, "seed": seed})
                 found[name, seed] = load_config(algo, env_id, given.pop("config", None), **given)
-            except ConfigError as error:
-                raise ConfigError(f"Cell {name!r} of the sweep: {error}") from error
         return found
 
     def jobs(self, place: Path) -> list[TrainingJob]:
         """Return the runs as jobs in the sweep's folder."""
         options: Any = {"episodes": self.episodes, "checkpoint_every": self.checkpoint_every}
         names = {f"{cell}/seed_{seed}": run for (cell, seed), run in self.runs().items()}
-        return [training(name, place / name, run, **options) for name, run in names.items()]
+        return [
+            TrainingJob(name=name, folder=place / name, config=run, **options)
+            for name, run in names.items()
+        ]
 
 
 def load_sweep(file: str | os.PathLike[str]) -> SweepConfig:
@@ -108,10 +109,9 @@ def load_sweep(file: str | os.PathLike[str]) -> SweepConfig:
         ConfigError: If it cannot be read or a setting is not valid; the message names the file.
     """
     content = read_yaml_mapping(Path(file))
-    try:
-        return SweepConfig(**content)
-    except ConfigError as error:
-        raise ConfigError(f"'{file}': {error}") from error
+    with naming(f"'{file}'"):
+        config = SweepConfig(**content)
+    return config
 
 
 def sweep(
@@ -160,11 +160,6 @@ def sweep(
         where = {"executor": executor, "workers": workers, "ray": ray}
         note = functools.partial(_write_results, place)
         return train_all(place, jobs, on_result, note, resources=config.resources, **where)
-
-
-def sweep_status(config: SweepConfig, folder: str | os.PathLike[str]) -> list[Outcome]:
-    """Return how far each run of a sweep is, also while it is running."""
-    return status(config.jobs(shared_folder(folder)))
 
 
 def _write_results(place: Path, runs: Sequence[Outcome]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from sb3_piano.callbacks.own_env import with_nested
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import read_json, write_json, write_yaml
 from sb3_piano.jobs import Job, Outcome, finish, status
+from sb3_piano.jobs.job import Work
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
 _ENDED = "ended.json"
@@ -36,16 +36,56 @@ class TrainingEvaluation:
     metrics: Mapping[str, float]
 
 
+def _train_and_evaluate(job: TrainingJob) -> Mapping[str, Any]:
+    run, (started_at, total) = RunFolder(job.folder), job.progress()
+    steps, over = started_at, {"num_timesteps": started_at, "n_timesteps": total}
+    if steps and job.is_met(job.evaluations(steps)):  # by a process that was killed before
+        saved = Checkpoint.read(run.checkpoint_dir)
+        assert saved is not None, "it has steps"
+        saved.copy_model(run.checkpoint_dir, run.model_file)
+    elif _read(job.folder / _ENDED) != over:
+        options = {name: getattr(job, name) for name in ("checkpoint_every", "progress_bar")}
+        steps = train_to_end(job.folder, job.config, [_EndWhenMet(job)], **options)
+        if steps < total:
+            write_json(job.folder / _ENDED, {**over, "num_timesteps": steps})
+    met = job.is_met(job.evaluations(steps))
+    ended_by = "condition" if met else "budget" if steps >= total else "callback"
+    ended = {"num_timesteps": steps, "started_at": started_at, "ended_by": ended_by}
+    if not job.episodes:
+        return ended
+    judged = evaluate(job.folder, job.episodes)
+    if judged.interrupted:
+        raise KeyboardInterrupt
+    return {**ended, "metrics": judged.mean}
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainingJob(Job):
-    """A run that is to be trained, in its own folder."""
+    """A run that is to be trained and evaluated.
+
+    Its result has ``num_timesteps``, ``started_at`` (what the last attempt began with),
+    ``ended_by`` (``budget``, ``condition`` or ``callback``) and ``metrics``, means over the
+    episodes that the trained model plays. By default its settings are the config's.
+    """
 
     kind: ClassVar[str] = "run"
 
+    work: Work = _train_and_evaluate
     config: RunConfig
-    """Its settings, with a seed."""
+    """Settings of the run, with a seed."""
     until: Condition | None = None
-    """Condition that ends it before all its steps."""
+    """Condition that ends it before all its steps; it goes by the config's callbacks."""
+    episodes: int = 1
+    """Episodes of each of its pieces that the trained model plays; 0 for no evaluation."""
+    checkpoint_every: int = DEFAULT_EVERY
+    """Environment steps between two checkpoints."""
+    progress_bar: bool = False
+    """Whether to show a bar of the steps."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "folder", Path(self.folder).absolute())
+        if not self.settings:
+            object.__setattr__(self, "settings", self.config.to_mapping())
 
     def begin(self) -> None:
         """Note the settings in a new folder, or compare them; see :meth:`Job.begin`."""
@@ -116,72 +156,6 @@ def train_all(
         interrupted = True
     found = tuple(runs.values())
     return Trained(folder=folder, runs=found, interrupted=interrupted, had_finished=had_finished)
-
-
-def training(
-    name: str,
-    folder: str | os.PathLike[str],
-    config: RunConfig,
-    *,
-    episodes: int = 1,
-    until: Condition | None = None,
-    checkpoint_every: int = DEFAULT_EVERY,
-    progress_bar: bool = False,
-    settings: Mapping[str, Any] | None = None,
-    needs: Sequence[str] = (),
-) -> TrainingJob:
-    """Return the job of a run that is to be trained and evaluated.
-
-    Its result has ``num_timesteps``, ``started_at`` (what the last attempt began with),
-    ``ended_by`` (``budget``, ``condition`` or ``callback``) and ``metrics``, means over the
-    episodes that the trained model plays.
-
-    Args:
-        name: What it is called.
-        folder: The run's folder.
-        config: The run's settings, with a seed.
-        episodes: Episodes of each of its pieces that the trained model plays.
-        until: Condition that ends it before all its steps; it goes by the config's callbacks.
-        checkpoint_every: Environment steps between two checkpoints.
-        progress_bar: Whether to show a bar of the steps.
-        settings: What the folder notes of the job; by default the run's settings.
-        needs: Names of the jobs that have to be done before, such as of the run it starts from.
-    """
-    options = {"checkpoint_every": checkpoint_every, "progress_bar": progress_bar}
-    return TrainingJob(
-        name=name,
-        folder=Path(folder).absolute(),
-        work=_train_and_evaluate,
-        settings=config.to_mapping() if settings is None else settings,
-        needs=tuple(needs),
-        options={"episodes": episodes, **options},
-        config=config,
-        until=until,
-    )
-
-
-def _train_and_evaluate(job: TrainingJob) -> Mapping[str, Any]:
-    options, run = dict(job.options), RunFolder(job.folder)
-    episodes = options.pop("episodes")
-    started_at, total = job.progress()
-    steps, over = started_at, {"num_timesteps": started_at, "n_timesteps": total}
-    if steps and job.is_met(job.evaluations(steps)):  # by a process that was killed before
-        saved = Checkpoint.read(run.checkpoint_dir)
-        assert saved is not None, "it has steps"
-        saved.copy_model(run.checkpoint_dir, run.model_file)
-    elif _read(job.folder / _ENDED) != over:
-        steps = train_to_end(job.folder, job.config, [_EndWhenMet(job)], **options)
-        if steps < total:
-            write_json(job.folder / _ENDED, {**over, "num_timesteps": steps})
-    met = job.is_met(job.evaluations(steps))
-    ended_by = "condition" if met else "budget" if steps >= total else "callback"
-    ended = {"num_timesteps": steps, "started_at": started_at, "ended_by": ended_by}
-    if not episodes:
-        return ended
-    judged = evaluate(job.folder, episodes)
-    if judged.interrupted:
-        raise KeyboardInterrupt
-    return {**ended, "metrics": judged.mean}
 
 
 def train_to_end(

@@ -17,11 +17,12 @@ from sb3_piano.demonstrations import clone_behaviour
 from sb3_piano.demonstrations.corpus import RecordedCorpus
 from sb3_piano.demonstrations.dataset import Transitions
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.jobs import status
 from sb3_piano.lab.distillation import DistillConfig, distill
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.library import Library
 from sb3_piano.pipelines import CorpusConfig, record_corpus
-from sb3_piano.pipelines.corpus import corpus_status, open_player, summary
+from sb3_piano.pipelines.corpus import corpus_jobs, open_player, summary
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.training import clone
 
@@ -139,7 +140,7 @@ def test_a_truncated_shard_is_found_and_made_again_and_nothing_else(executor, tm
     time = kept.stat().st_mtime_ns
     with pytest.raises(ConfigError, match="Shard shard000001-v0 .* is damaged: give the command"):
         corpus.dataset(corpus.shards[1])
-    states = [shard.state for shard in corpus_status(config, corpus.folder)]
+    states = [shard.state for shard in status(corpus_jobs(config, corpus.folder))]
     assert states == ["finished", "not begun", "finished"]
     told = []
     again = record_corpus(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tiny_curriculum import PENDULUM, write_curriculum
+from tiny_curriculum import PENDULUM
 
 from sb3_piano.callbacks import Condition
 from sb3_piano.exceptions import ConfigError
@@ -16,16 +16,6 @@ from sb3_piano.pipelines.curriculum import check_fit
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "curricula.md").read_text(encoding="utf-8")
 EXAMPLES = ROOT / "examples" / "curriculum"
-
-
-@pytest.fixture
-def write(tmp_path):
-    """Return a function that writes a curriculum of a tiny SAC and returns the file."""
-
-    def make(*stages, **common):
-        return write_curriculum(tmp_path / "tiny.yml", *stages, **common)
-
-    return make
 
 
 def test_settings_of_the_curriculum_hold_for_all_stages_unless_a_stage_has_its_own(write):
@@ -157,13 +147,16 @@ def test_a_stage_that_is_wrong_is_refused(write, changes, message):
         load_curriculum(file)
 
 
-def test_settings_are_checked_in_python_too():
-    with pytest.raises(ConfigError, match=r"Unknown setting 'gama' of stage 2.*'gamma'"):
-        Curriculum(algo="sac", stages=(Stage(piece="a"), Stage(piece="b", settings={"gama": 1})))
-    with pytest.raises(
-        ConfigError, match="with_buffer is true of stage 2, but PPO has no replay buffer"
-    ):
-        Curriculum(algo="ppo", stages=(Stage(piece="a"), Stage(piece="b", with_buffer=True)))
+@pytest.mark.parametrize(
+    ("algo", "second", "message"),
+    [
+        ("sac", {"settings": {"gama": 1}}, "Unknown setting 'gama' of stage 2.*'gamma'"),
+        ("ppo", {"with_buffer": True}, "with_buffer is true of stage 2, but PPO has no replay buf"),
+    ],
+)
+def test_settings_are_checked_in_python_too(algo, second, message):
+    with pytest.raises(ConfigError, match=message):
+        Curriculum(algo=algo, stages=(Stage(piece="a"), Stage(piece="b", **second)))
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,7 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.jobs import Here, Job, status
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.pipelines import SweepConfig, load_sweep, sweep, training
-from sb3_piano.pipelines.sweep import sweep_status
+from sb3_piano.pipelines import SweepConfig, TrainingJob, load_sweep, sweep
 from sb3_piano.training import resume
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
@@ -126,7 +125,7 @@ def test_a_cell_that_a_callback_ended_is_finished(tmp_path):
         )
         assert [run.result["num_timesteps"] for run in result.runs] == [10]
     assert len(found) == 1  # the second call has nothing to do
-    (state,) = sweep_status(config, tmp_path / "sweep")
+    (state,) = status(config.jobs(tmp_path / "sweep"))
     assert state.result == found[0].result
     (state.job.folder / "result.json").unlink()  # as of a process that was killed as it evaluated
     (again,) = sweep(config, tmp_path / "sweep", executor=Here()).runs
@@ -148,7 +147,7 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
     (job,) = SweepConfig(**SHORT).jobs(place)
     # The run had stopped after its second checkpoint, and an older version had begun the sweep.
     shorter = dataclasses.replace(job.config, n_timesteps=120)
-    Job.do(training("shorter", job.folder, shorter))
+    TrainingJob(name="shorter", folder=job.folder, config=shorter).do()
     for name in ("job.yml", "result.json"):
         (job.folder / name).unlink()
     shutil.copytree(job.folder, tmp_path / "alone")
@@ -207,13 +206,13 @@ def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
     }
     file = tmp_path / "grid.yml"
     file.write_text(yaml.safe_dump(grid), encoding="utf-8")
-    status = main(
+    code = main(
         ["sweep", str(file), "--run", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
     )
     told = capsys.readouterr()
-    assert status == 2
+    assert code == 2
     assert "gone.mid" in told.err
-    states = [run.state for run in sweep_status(load_sweep(file), tmp_path / "sweep")]
+    states = [run.state for run in status(load_sweep(file).jobs(tmp_path / "sweep"))]
     assert states == ["not begun", "finished"]
 
 

@@ -259,9 +259,7 @@ def test_a_study_that_another_process_runs_is_refused(capsys):
 @pytest.mark.parametrize(
     ("more", "reason"),
     [
-        (["--metric", "f2"], "metric is 'f2': expected one of 'f1', 'onset_f1'"),
         (["--sampler", "tpee"], "sampler is 'tpee'"),
-        (["--pruner", "medium"], "pruner is 'medium'"),
         (["--space", "sacc"], "Did you mean 'sac'"),
         (["--eval-seed", "0"], "eval_seed is 0"),
         (["--midi", str(MIDI_FILE)], "--midi cannot be given with --env"),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from collections import defaultdict
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
@@ -81,12 +83,13 @@ def _corpus(arguments: argparse.Namespace) -> int:
 
 
 def _show(corpus: RecordedCorpus) -> None:
-    from sb3_piano.pipelines.corpus import summary
-
+    played: dict[Any, list[Any]] = defaultdict(list)
+    for notes in (notes for shard in corpus.shards for notes in shard.episodes):
+        played[notes["player"], notes["noise"]].append(notes)
     table = new_table("player", "noise, rad", "performances", "F1", "onset F1")
-    for (player, noise), (count, *scores) in summary(corpus.shards).items():
-        shown = [f"{score:.3f}" for score in scores]
-        add_row(table, player, f"{noise:g}", str(count), *shown)
+    for (player, noise), each in played.items():
+        shown = [f"{fmean(notes[name] for notes in each):.3f}" for name in ("f1", "onset_f1")]
+        add_row(table, player, f"{noise:g}", str(len(each)), *shown)
     print_table(table)
     if corpus.skipped:
         number, why = next(iter(corpus.skipped.items()))

@@ -11,7 +11,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.job import Job, Outcome, status
-from sb3_piano.jobs.pool import explain_worker_death, open_executor
+from sb3_piano.jobs.pool import open_executor
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -118,9 +118,16 @@ def _outcome(job: Job, future: Future[Any], go_on: str) -> Outcome:
     try:
         return Outcome(job=job, result=future.result())
     except BrokenExecutor as error:
-        return Outcome(job=job, error=explain_worker_death(error, go_on))
+        return Outcome(job=job, error=_of_death(error, go_on))
     except Exception as error:
         return Outcome(job=job, error=error)
+
+
+def _of_death(error: BrokenExecutor, go_on: str) -> RunError:
+    return RunError(
+        f"A worker ended before its work was done, as happens without memory: {error} What is "
+        f"whole is kept; go on, with fewer workers if need be: {go_on}"
+    )
 
 
 def map_jobs(
@@ -149,7 +156,7 @@ def map_jobs(
                 del running[future]
                 yield future.result()
     except BrokenExecutor as error:
-        raise explain_worker_death(error, go_on) from error
+        raise _of_death(error, go_on) from error
     finally:
         for future in running:
             future.cancel()

@@ -18,7 +18,7 @@ from pathlib import Path
 from signal import Signals
 from typing import Any, ParamSpec, TypeVar
 
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.jobs.cluster import RayExecutor, Resources
 from sb3_piano.jobs.starting import share_temporary_folder
 from sb3_piano.settings import Count, checked
@@ -74,14 +74,6 @@ def open_executor(
         executor.end()
 
 
-def explain_worker_death(error: BrokenExecutor, how_to_go_on: str) -> RunError:
-    """Return the error that says why a worker may have died, and how to go on."""
-    return RunError(
-        f"A worker ended before its work was done, as happens without memory: {error} What is "
-        f"whole is kept; go on, with fewer workers if need be: {how_to_go_on}"
-    )
-
-
 class Here(Executor):
     """Executor of the calling thread: a job is done when it is submitted."""
 
@@ -135,7 +127,7 @@ class _Pool(ThreadPoolExecutor):
         with self._lock:
             self._ended = True
         for worker in list(self._workers):
-            worker.end()
+            worker.requests.close()  # whose end it waits for
         self.shutdown(cancel_futures=True)
         for worker in list(self._workers):
             worker.process.wait()
@@ -145,7 +137,7 @@ class _Worker:
     """A process that does one job at a time."""
 
     def __init__(self) -> None:
-        theirs, self._requests = multiprocessing.Pipe(duplex=False)
+        theirs, self.requests = multiprocessing.Pipe(duplex=False)
         self._answers, answers = multiprocessing.Pipe(duplex=False)
         descriptors = (theirs.fileno(), answers.fileno())
         # Ctrl-C reaches the group of a terminal, and a system that shuts down ends whole groups: it
@@ -163,12 +155,12 @@ class _Worker:
         about["authkey"] = bytes(about["authkey"])
         about["temporary_folder"] = multiprocessing.util.get_temp_dir()
         with contextlib.suppress(OSError):  # it has ended, which its first job notices
-            self._requests.send_bytes(pickle.dumps(about))
+            self.requests.send_bytes(pickle.dumps(about))
 
     def call(self, request: bytes) -> Any:
         """Return whether a job raised, and what it returned or raised."""
         try:
-            self._requests.send_bytes(request)
+            self.requests.send_bytes(request)
             answer = self._answers.recv_bytes()
         except (EOFError, OSError) as error:
             code = self.process.wait()
@@ -177,7 +169,3 @@ class _Worker:
             )
             raise BrokenExecutor(f"process {self.process.pid} {how}.") from error
         return pickle.loads(answer)
-
-    def end(self) -> None:
-        """Let the process end: it waits for the end of the pipe."""
-        self._requests.close()

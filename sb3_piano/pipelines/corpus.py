@@ -9,12 +9,10 @@ import hashlib
 import os
 import shlex
 import warnings
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import field
 from pathlib import Path
-from statistics import fmean
 from typing import Annotated, Any, NamedTuple
 
 import gymnasium as gym
@@ -291,17 +289,6 @@ def _check_piece_can_be_given(env: Env, run: str) -> None:
             f"The run '{run}' has wrappers that choose what it plays: expected one without, for "
             "a corpus."
         )
-
-
-def summary(shards: Sequence[datasets.Shard]) -> dict[tuple[str, float], tuple[int, float, float]]:
-    """Return performances, mean F1 and mean onset F1 by player and noise, rad."""
-    found: dict[tuple[str, float], list[Any]] = defaultdict(list)
-    for notes in (notes for shard in shards for notes in shard.episodes):
-        found[str(notes["player"]), float(notes["noise"])].append(notes)
-    return {
-        played: (len(each), fmean(n["f1"] for n in each), fmean(n["onset_f1"] for n in each))
-        for played, each in found.items()
-    }
 
 
 def _check_players(config: CorpusConfig) -> None:

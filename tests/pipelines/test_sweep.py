@@ -67,11 +67,9 @@ def test_cells_are_all_combinations():
 
 
 def test_options_of_environments_are_added_to_each_other():
-    config = SweepConfig(
-        pieces=("hanon-01",),
-        settings={"env_kwargs": "dict(observation='fingers', physics='reference', score='a')"},
-        variants={"fast": {"env_kwargs": {"physics": "fast"}}},
-    )
+    common = {"env_kwargs": "dict(observation='fingers', physics='reference', score='a')"}
+    variants = {"fast": {"env_kwargs": {"physics": "fast"}}}
+    config = SweepConfig(pieces=("hanon-01",), settings=common, variants=variants)
     (run,) = config.runs().values()
     assert run.env_kwargs == {"observation": "fingers", "physics": "fast", "score": "hanon-01"}
 
@@ -117,12 +115,8 @@ def test_a_cell_that_a_callback_ended_is_finished(tmp_path):
     found = []
     config = SweepConfig(**{**SHORT, "settings": settings})
     for _ in range(2):
-        result = sweep(
-            config,
-            tmp_path / "sweep",
-            executor=Here(),
-            on_result=lambda run, *_: found.append(run),
-        )
+        note = {"on_result": lambda run, *_: found.append(run)}
+        result = sweep(config, tmp_path / "sweep", executor=Here(), **note)
         assert [run.result["num_timesteps"] for run in result.runs] == [10]
     assert len(found) == 1  # the second call has nothing to do
     (state,) = status(config.jobs(tmp_path / "sweep"))
@@ -131,13 +125,6 @@ def test_a_cell_that_a_callback_ended_is_finished(tmp_path):
     (again,) = sweep(config, tmp_path / "sweep", executor=Here()).runs
     assert again.result["metrics"] == state.result["metrics"]
     assert again.result["num_timesteps"] == 10
-
-
-def test_the_file_is_named_when_a_setting_is_wrong(tmp_path):
-    file = tmp_path / "grid.yml"
-    file.write_text(yaml.safe_dump({"algos": ["td3"], "envs": ["x"], "seeds": ["one"]}))
-    with pytest.raises(ConfigError, match=r"grid\.yml': seeds"):
-        load_sweep(file)
 
 
 @pytest.mark.slow
@@ -183,7 +170,7 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
 
 
 @pytest.mark.parametrize("option", ["--run", "--storage"])
-def test_a_folder_is_no_url(tmp_path, capsys, option):
+def test_a_folder_is_no_url_and_a_wrong_file_is_named(tmp_path, capsys, option):
     told = "The folder is 's3://b/s': expected a path of a file system that all machines see"
     with pytest.raises(ConfigError, match=told):
         sweep(SweepConfig(**SHORT), "s3://b/s")
@@ -191,27 +178,20 @@ def test_a_folder_is_no_url(tmp_path, capsys, option):
     file.write_text(yaml.safe_dump({"envs": ["Pendulum-v1"]}))
     assert main(["sweep", str(file), option, "s3://b/s"]) == 2
     assert told in capsys.readouterr().err
+    file.write_text(yaml.safe_dump({"envs": ["x"], "seeds": ["one"]}))
+    with pytest.raises(ConfigError, match=r"grid\.yml': seeds"):
+        load_sweep(file)
 
 
 @pytest.mark.slow
 def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
-    grid = {
-        **SHORT,
-        "algos": ["td3"],
-        "envs": list(SHORT["envs"]),
-        "variants": {
-            "bad": {"env_kwargs": {"score": str(tmp_path / "gone.mid")}},
-            "good": {},
-        },
-    }
+    bad = {"env_kwargs": {"score": str(tmp_path / "gone.mid")}}
+    lists = {name: list(SHORT[name]) for name in ("algos", "envs")}
     file = tmp_path / "grid.yml"
-    file.write_text(yaml.safe_dump(grid), encoding="utf-8")
-    code = main(
-        ["sweep", str(file), "--run", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
-    )
-    told = capsys.readouterr()
-    assert code == 2
-    assert "gone.mid" in told.err
+    file.write_text(yaml.safe_dump({**SHORT, **lists, "variants": {"bad": bad, "good": {}}}))
+    more = ["--run", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
+    assert main(["sweep", str(file), *more]) == 2
+    assert "gone.mid" in capsys.readouterr().err
     states = [run.state for run in status(load_sweep(file).jobs(tmp_path / "sweep"))]
     assert states == ["not begun", "finished"]
 

@@ -32,7 +32,7 @@ from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.locks import hold
 from sb3_piano.training import RunFolder, load_config
-from sb3_piano.tuning import StudyFolder, tune, workers
+from sb3_piano.tuning import StudyFolder, tune
 from sb3_piano.tuning.storage import opened_store
 from sb3_piano.tuning.trials import counting
 
@@ -198,7 +198,7 @@ def test_settings_of_whom_was_killed_are_run_again_and_nothing_else(who, request
 
 
 def test_workers_that_die_at_once_end_the_study_with_one_error(monkeypatch, capsys):
-    monkeypatch.setattr(workers, "MAX_DEATHS", 2)
+    monkeypatch.setattr(sys.modules[tune.__module__], "MAX_DEATHS", 2)
     write_settings(**wrapped(Killed))
     assert main(options("--trials", "2")) == 2
     (line,) = capsys.readouterr().err.splitlines()

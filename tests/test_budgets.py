@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_364
 TOTALS = {
     "core": {"lines": 48_185, "modules": 323, "names": 221},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
-    "tests": {"lines": 42_253},
+    "tests": {"lines": 42_256},
 }
 
 

@@ -19,27 +19,27 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_963,
+    "base": 1_977,
     "batch": 1_977,
     "buffers": 654,
     "callbacks": 2_774,
-    "cli": 3_297,
-    "demonstrations": 1_499,
+    "cli": 3_293,
+    "demonstrations": 1_498,
     "envs": 3_653,
     "hyperparams": 35,
     "interop": 236,
-    "jobs": 962,
-    "lab": 5_682,
+    "jobs": 862,
+    "lab": 5_678,
     "metrics": 1_053,
     "music": 8_510,
-    "pipelines": 1_358,
-    "planning": 2_700,
+    "pipelines": 1_199,
+    "planning": 2_721,
     "players": 2_163,
     "policies": 1_588,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_282,
-    "tuning": 1_391,
+    "training": 6_307,
+    "tuning": 1_303,
     "vec_env": 488,
     "viewing": 2_607,
     "wrappers": 2_047,
@@ -49,13 +49,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_711
+LONG_WORK_LINES = 3_364
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_252, "modules": 331, "names": 224},
-    "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 43_147},
+    "core": {"lines": 48_960, "modules": 330, "names": 224},
+    "lab": {"lines": 5_678, "modules": 43, "names": 23},
+    "tests": {"lines": 43_046},
 }
 
 

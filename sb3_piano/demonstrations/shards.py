@@ -176,10 +176,10 @@ def _make(job: ShardJob) -> Mapping[str, Any]:
 
 
 def make_missing(
-    executor: Executor,
+    executor: Executor | None,
     jobs: Sequence[ShardJob],
     tell: Callable[[int, int], object] = lambda done, total: None,
-    go_on: str = "give the same command again.",
+    **options: Any,
 ) -> list[Shard]:
     """Make missing or damaged data sets; return all in order.
 
@@ -187,7 +187,7 @@ def make_missing(
         executor: Executor of the jobs.
         jobs: Jobs of all data sets.
         tell: Called with the numbers of finished and of all jobs.
-        go_on: Advice for the error when a worker died.
+        **options: Further options of :func:`~sb3_piano.jobs.finish`.
 
     Raises:
         Exception: The error of the first failed job, after all others have finished.
@@ -195,9 +195,8 @@ def make_missing(
     """
     known = status(jobs)
     tell(sum(one.result is not None for one in known), len(jobs))
-    outcomes = finish(
-        jobs, executor, known=known, on_outcome=lambda _, *done: tell(*done), go_on=go_on
-    )
+    options = {"known": known, "on_outcome": lambda _, *done: tell(*done), **options}
+    outcomes = finish(jobs, executor, **options)
     for outcome in outcomes:
         if outcome.error is not None:
             raise outcome.error

@@ -51,27 +51,17 @@ def address(ray_cluster) -> Iterator[str]:
     ray.cloudpickle.unregister_pickle_by_value(this)
 
 
-def test_results_are_those_of_the_function(address):
-    with open_executor(ray=address) as executor:
-        assert sorted(map_jobs(executor, _square, range(5))) == [0, 1, 4, 9, 16]
-
-
-def test_jobs_work_in_the_present_folder(address, tmp_path, monkeypatch):
+def test_jobs_in_the_present_folder_give_results_and_errors_and_are_begun_again_if_killed(
+    address, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)  # where the nodes were not started
     with open_executor(ray=address) as executor:
+        assert sorted(map_jobs(executor, _square, range(5))) == [0, 1, 4, 9, 16]
         assert executor.submit(os.getcwd).result() == str(tmp_path)
-
-
-def test_an_error_is_what_the_job_raised(address):
-    with open_executor(ray=address) as executor:
+        assert executor.submit(_die_once, tmp_path / "begun").result() == "ended"
         error = executor.submit(_refuse, 3).exception()
     assert type(error) is ConfigError
     assert str(error) == "number is 3: expected another one."
-
-
-def test_a_job_whose_process_was_killed_is_begun_again(address, tmp_path):
-    with open_executor(ray=address) as executor:
-        assert executor.submit(_die_once, tmp_path / "begun").result() == "ended"
 
 
 def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):

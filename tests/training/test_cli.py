@@ -249,5 +249,5 @@ def test_options_say_what_the_settings_say_and_give_what_they_take():
     assert "--shares X [X ...] shares of each, 100 %; default: 0.5 1.0" in text
     assert "--name NAME its name; default: none" in text
     assert given(parser.parse_args([]), Taken) == {}
-    chosen = parser.parse_args(["--count", "3", "--shares", "1", "0.25", "--aloud", "--name", "x"])
-    assert given(chosen, Taken) == {"count": 3, "shares": [1, 0.25], "aloud": True, "name": "x"}
+    chosen = parser.parse_args(["--count", "0", "--shares", "1", "0.25", "--aloud", "--name", "x"])
+    assert given(chosen, Taken) == {"count": 0, "shares": [1, 0.25], "aloud": True, "name": "x"}

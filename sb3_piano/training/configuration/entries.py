@@ -11,7 +11,7 @@ from typing import Any
 import gymnasium as gym
 
 import sb3_piano.wrappers
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, naming
 from sb3_piano.files import dump_yaml, write_text
 from sb3_piano.imports import full_name, import_name, is_dotted
 from sb3_piano.training.configuration.names import registered_id
@@ -57,13 +57,11 @@ def with_settings(entry: Mapping[str, Any], settings: Mapping[str, Any]) -> dict
     changed = copy.deepcopy(dict(entry))
     for name in sorted(settings, key=lambda name: name.count(".")):
         keys, value = name.split("."), copy.deepcopy(settings[name])
-        try:
+        with naming(repr(name)):
             if keys[0] == _WRAPPERS and keys[1:]:
                 changed[_WRAPPERS] = _with_argument(changed, keys[1:], value)
             else:
                 changed = _with_value(changed, keys, value, "the entry")
-        except ConfigError as error:
-            raise ConfigError(f"{name!r}: {error}") from error
     return changed
 
 

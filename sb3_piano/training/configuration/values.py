@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.exceptions import ConfigError, naming, one_line
 from sb3_piano.imports import full_name, import_class, import_name, is_dotted
 from sb3_piano.settings import Expected, Number, Whole, checked, number_in, refuse_unknown
 
@@ -238,7 +238,6 @@ _KINDS: Mapping[Any, Callable[[Any], Any]] = {
 
 def class_of(name: str, bases: tuple[type, ...], key: str) -> Any:
     """Return the class below one of some classes that an import path of a key names."""
-    try:
-        return import_class(name, *bases)
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}") from error
+    with naming(key):
+        found = import_class(name, *bases)
+    return found

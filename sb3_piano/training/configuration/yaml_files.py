@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import NoneType
 from typing import Any
 
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.exceptions import ConfigError, naming, near_names
 from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
@@ -58,10 +58,9 @@ def overlaid(path: str | os.PathLike[str], env_id: str, over: Mapping[str, Any])
             "its own: expected a YAML file with what is to be different, or none."
         )
     entry_name, entry = _entry_of(Path(path), registered_id(env_id)[1])
-    try:
-        return merged(entry, over)
-    except ConfigError as error:
-        raise ConfigError(f"'{path}', entry {entry_name!r}: {error}") from error
+    with naming(f"'{path}', entry {entry_name!r}"):
+        entry = merged(entry, over)
+    return entry
 
 
 def load_entry(
@@ -77,8 +76,7 @@ def load_entry(
 def entry_config(algo: str, env_id: str, entry: Mapping[str, Any]) -> RunConfig:
     """Return the settings that an entry stands for, if all of them are valid."""
     names = {f.name for f in dataclasses.fields(RunConfig)}.difference(_NOT_IN_ENTRY)
-    fields = {name: value for name, value in entry.items() if name in names}
-    rest = {name: value for name, value in entry.items() if name not in names}
+    fields, rest = parted(entry, names)
     if "n_timesteps" not in fields:  # the one setting without a default
         near = difflib.get_close_matches("n_timesteps", map(str, rest), 1)
         slip = f" Did you mean it by {near[0]!r}?" if near else ""
@@ -95,12 +93,11 @@ def _loaded(
     _, name = registered_id(env_id)
     file = _preset(algo, path) if path is None or path in NAMED else _own_file(path)
     entry_name, found = _entry_of(file, name)
-    try:
+    given = f" with {', '.join(overrides)} replaced" if overrides else ""
+    with naming(f"'{file}', entry {entry_name!r}{given}"):
         entry = merged(found, overrides)
-        return entry, entry_config(algo, env_id, entry)
-    except ConfigError as error:
-        given = f" with {', '.join(overrides)} replaced" if overrides else ""
-        raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error
+        config = entry_config(algo, env_id, entry)
+    return entry, config
 
 
 def _own_file(path: str | os.PathLike[str]) -> Path:
@@ -151,3 +148,11 @@ def merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
         options = [coerce_mapping(e["env_kwargs"], "env_kwargs") for e in (entry, overrides)]
         both["env_kwargs"] = options[0] | options[1]
     return both
+
+
+def parted(
+    mapping: Mapping[str, Any], names: Collection[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the entries with some names, and all others."""
+    own = {name: value for name, value in mapping.items() if name in names}
+    return own, {name: value for name, value in mapping.items() if name not in names}

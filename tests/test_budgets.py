@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_706
 TOTALS = {
     "core": {"lines": 48_472, "modules": 324, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 40_887},
+    "tests": {"lines": 40_888},
 }
 
 

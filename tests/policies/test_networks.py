@@ -37,7 +37,8 @@ def trained(request):
     """A model after 24 steps and four updates, and its weights before the last update."""
     name, kind = request.param
     prefix, policy_kwargs = KINDS[kind]
-    kwargs = {"policy_kwargs": policy_kwargs, **({"policy_delay": 1} if name == "TD3" else {})}
+    kwargs = {"policy_kwargs": dict(policy_kwargs)}  # to which SB3 adds some
+    kwargs |= {"policy_delay": 1} if name == "TD3" else {}
     policy = getattr(policies, f"{prefix}{name}Policy")
     model = ALGORITHMS[name](policy, piano(), tau=TAU, **SMALL, **kwargs)
     model.learn(23)

@@ -144,7 +144,7 @@ class Shaken(gym.ActionWrapper):
 
 
 def shaken_piano():
-    return Shaken(PianoEnv(score=SCORE, physics="fast", observation="window"))
+    return Shaken(piano())
 
 
 @pytest.fixture

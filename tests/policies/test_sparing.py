@@ -5,9 +5,9 @@ import contextlib
 import gymnasium as gym
 import pytest
 import torch
+from acting import Noted
 from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import DDPG, PPO, SAC, TD3
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import set_random_seed
 from torch import nn
 
@@ -15,28 +15,17 @@ from sb3_piano.policies import EncoderSACPolicy, RegularizedSACPolicy, fast_upda
 from sb3_piano.policies.sparing import ZeroSkippingLinear, sparing_updates
 from sb3_piano.training import load_config, train
 
-ALGORITHMS = {
-    "sac": (SAC, "MlpPolicy", {}),
-    "td3": (TD3, "MlpPolicy", {}),
-    "ddpg": (DDPG, "MlpPolicy", {}),
-    "tqc": (TQC, "MlpPolicy", {}),
-    "crossq": (CrossQ, "MlpPolicy", {}),
-    "regularized": (SAC, RegularizedSACPolicy, {"dropout": 0.0}),
-    "encoder": (SAC, EncoderSACPolicy, {"dropout": 0.0}),
-}
+STOCK = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "tqc": TQC, "crossq": CrossQ}
+ALGORITHMS = {name: (algorithm, "MlpPolicy", {}) for name, algorithm in STOCK.items()}
+ALGORITHMS["regularized"] = (SAC, RegularizedSACPolicy, {"dropout": 0.0})
+ALGORITHMS["encoder"] = (SAC, EncoderSACPolicy, {"dropout": 0.0})
+SMALL = {"learning_starts": 40, "buffer_size": 100}
 
 
 def make(algorithm=SAC, policy="MlpPolicy", policy_kwargs=None, **env_kwargs):
     env = gym.make("RoboPianist-debug-CMajorScaleOneHand-v0", physics="fast", **env_kwargs)
-    return algorithm(
-        policy,
-        env,
-        policy_kwargs={"net_arch": [24, 16], **(policy_kwargs or {})},
-        learning_starts=40,
-        buffer_size=100,
-        batch_size=32,
-        seed=0,
-    )
+    kwargs = {"policy_kwargs": {"net_arch": [24, 16], **(policy_kwargs or {})}, **SMALL}
+    return algorithm(policy, env, batch_size=32, seed=0, **kwargs)
 
 
 def learnt(model):
@@ -52,9 +41,7 @@ def update(model, times=4):
 def like(model):
     """Return another model with the same networks, transitions and optimizers."""
     algorithm, env, policy = type(model), model.get_env(), model.policy_class
-    other = algorithm(
-        policy, env, policy_kwargs=model.policy_kwargs, learning_starts=40, buffer_size=100
-    )
+    other = algorithm(policy, env, policy_kwargs=model.policy_kwargs, **SMALL)
     other.set_parameters(model.get_parameters())
     other.replay_buffer, other._logger = model.replay_buffer, model.logger
     return other
@@ -170,18 +157,12 @@ def test_an_algorithm_without_critics_of_actions_is_left_alone():
 
 
 def test_a_run_trains_so(tmp_path):
-    seen = []
-
-    class Look(BaseCallback):
-        def _on_step(self):
-            seen.append(type(self.model.critic.q_networks[0][0]))
-            return True
-
+    look = Noted(lambda own: type(own.model.critic.q_networks[0][0]))
     config = load_config(
         "sac", "RoboPianist-debug-CMajorScaleOneHand-v0", n_timesteps=3, learning_starts=1, seed=0
     )
-    train(config, tmp_path / "run", callbacks=[Look()], progress_bar=False)
-    assert seen == [ZeroSkippingLinear] * 3
+    train(config, tmp_path / "run", callbacks=[look], progress_bar=False)
+    assert look.seen == [ZeroSkippingLinear] * 3
 
 
 def test_the_name_up_to_0_2_still_works_and_says_the_new_one():

@@ -9,6 +9,7 @@ import pytest
 import safetensors.numpy
 from node_programs import WEB, RefusedInputError
 from page_parts import PARITY_PIECES
+from yaml_rows import Tables
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.envs.hand_encoding import HANDS_VERSION
@@ -25,25 +26,11 @@ from sb3_piano.reading.piece import bounds_of
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.player import PLANNED_IN
 
-# Ends of the keyboard, keys struck anew at once, leaps, more notes than fingers, and each hand
-# alone where the other one rests.
-CHORDS = [
-    ("left", (21, 22)),
-    ("right", (107, 108)),
-    ("right", (108,)),
-    ("left", (21,)),
-    ("left", (21,)),
-    *[("right", (pitch,)) for pitch in (48, 45, 43, 41, 45)],
-    *[("left", (pitch,)) for pitch in (72, 75, 77, 80, 84)],
-    ("right", (60, 62, 64, 65, 67, 69)),
-    ("right", (60, 79)),
-    ("left", (21, 58)),
-]
 LENGTH = {"right": 0.3, "left": 0.34}  # the left hand's notes overlap
 EDGES = Score(
     notes=[
         Note(onset=0.3 * number, offset=0.3 * number + LENGTH[hand], pitch=pitch, hand=hand)
-        for number, (hand, pitches) in enumerate(CHORDS)
+        for number, (hand, pitches) in enumerate(Tables(__file__)["chords"])
         for pitch in pitches
     ],
     title="ends of the keyboard",

@@ -28,7 +28,7 @@ LINES = {
     "envs": 3_290,
     "hyperparams": 30,
     "interop": 240,
-    "jobs": 962,
+    "jobs": 972,
     "lab": 5_682,
     "metrics": 960,
     "music": 8_510,
@@ -49,13 +49,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_706
+LONG_WORK_LINES = 3_716
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_472, "modules": 324, "names": 221},
+    "core": {"lines": 48_482, "modules": 324, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_358},
+    "tests": {"lines": 42_377},
 }
 
 

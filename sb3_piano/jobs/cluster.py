@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future
@@ -21,6 +22,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 _GRACE = 60.0  # s, that jobs have to end after Ctrl-C before their processes are ended
+_ANSWER = 10.0  # s, in which a cluster has to answer
 
 
 @settings
@@ -85,8 +87,9 @@ def ray_executor(
     is_ours = not ray.is_initialized()
     try:
         if is_ours:
+            _knock(address)
             ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         raise ConfigError(
             f"No cluster of Ray can be reached at {address!r} ({one_line(error)}). Expected the "
             "address that 'ray start --head' prints, 'auto' on one of its machines, or 'local'."
@@ -98,6 +101,13 @@ def ray_executor(
         executor.shutdown(cancel_futures=True)
         if is_ours:
             ray.shutdown()
+
+
+def _knock(address: str) -> None:
+    """Raise an ``OSError`` where nobody listens: Ray tries for minutes, and heeds no signal."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if colon and port.isdecimal():
+        socket.create_connection((host, int(port)), _ANSWER).close()
 
 
 class _RayExecutor(Executor):

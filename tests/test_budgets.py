@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_716
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_482, "modules": 324, "names": 221},
+    "core": {"lines": 48_484, "modules": 324, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_377},
+    "tests": {"lines": 42_380},
 }
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from annotated_types import Ge, MinLen
 from pydantic import BeforeValidator
 
-from sb3_piano.demonstrations.corpus import DATA, INDEX, RecordedCorpus
+from sb3_piano.demonstrations.corpus import CONFIG, DATA, INDEX, RecordedCorpus
 from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise
 from sb3_piano.demonstrations.recording import play_episode
@@ -59,7 +59,6 @@ if TYPE_CHECKING:
 
 Env = gym.Env[Any, Any]
 
-_CONFIG = "corpus.yml"
 
 _BY_HAND = {"observation": "hands", "reduced_action_space": False}
 
@@ -223,7 +222,7 @@ def record_corpus(
     with owned, stop_on_signal():
         inputs = _inputs(config)
         settings = {**config.to_mapping(), "files": inputs}
-        begin_or_go_on(place / _CONFIG, "corpus", settings, notes=provenance(config.seed))
+        begin_or_go_on(place / CONFIG, "corpus", settings, notes=provenance(config.seed))
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
 

@@ -174,6 +174,14 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     assert (out / "curves.png").stat().st_size > 10_000
 
 
+def test_a_report_of_no_training_is_refused_in_a_sentence(tmp_path, capsys):
+    file = tmp_path / "study.yml"
+    file.write_text(yaml.safe_dump(STUDY))
+    with pytest.raises(SystemExit):
+        learning["main"]([str(file), "--out", str(tmp_path / "out"), "--report"])
+    assert "expected one that has ended" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_training_ends_after_the_steps_of_its_settings(tmp_path):
     given = {"n_timesteps": 20, "learning_starts": 100}

@@ -24,15 +24,15 @@ LINES = {
     "buffers": 654,
     "callbacks": 2_774,
     "cli": 3_293,
-    "demonstrations": 1_498,
+    "demonstrations": 1_501,
     "envs": 3_653,
     "hyperparams": 35,
     "interop": 236,
-    "jobs": 862,
+    "jobs": 872,
     "lab": 5_678,
     "metrics": 1_053,
     "music": 8_510,
-    "pipelines": 1_199,
+    "pipelines": 1_198,
     "planning": 2_721,
     "players": 2_163,
     "policies": 1_588,
@@ -49,13 +49,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_364
+LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_960, "modules": 330, "names": 224},
+    "core": {"lines": 48_972, "modules": 330, "names": 224},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
-    "tests": {"lines": 41_569},
+    "tests": {"lines": 41_592},
 }
 
 

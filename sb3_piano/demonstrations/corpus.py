@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 INDEX = "index.json"
 """Name of the index file, which marks a corpus as complete."""
 
+CONFIG = "corpus.yml"
+"""Name of the file of its settings, which a corpus has from the beginning."""
+
 DATA = "data"
 """Name of the folder of data sets."""
 
@@ -106,6 +109,6 @@ def open_recorded(source: MinariDataset | RecordedCorpus | str) -> MinariDataset
         ConfigError: If there is none, or it cannot be read.
         MissingPackageError: If Minari is not installed.
     """
-    if isinstance(source, str) and (Path(source) / INDEX).is_file():
+    if isinstance(source, str) and any((Path(source) / n).is_file() for n in (CONFIG, INDEX)):
         return RecordedCorpus.open(source)
     return source if isinstance(source, RecordedCorpus) else open_dataset(source)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import socket
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import field
@@ -17,6 +18,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 _GRACE = 60.0  # s, that jobs have to end after Ctrl-C before their processes are ended
+_ANSWER = 10.0  # s, in which a cluster has to answer
 
 
 @settings
@@ -62,8 +64,9 @@ class RayExecutor(Executor):
         self._is_ours = not ray.is_initialized()
         try:
             if self._is_ours:
+                _knock(address)
                 ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
-        except (ConnectionError, ValueError, RuntimeError) as error:
+        except (OSError, ValueError, RuntimeError) as error:
             raise ConfigError(
                 f"No cluster of Ray can be reached at {address!r} ({one_line(error)}). Expected "
                 "the address that 'ray start --head' prints, 'auto' on one of its machines, or "
@@ -122,3 +125,10 @@ def _call(folder: str, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     return fn(*args, **kwargs)
+
+
+def _knock(address: str) -> None:
+    """Raise an ``OSError`` where nobody listens: Ray tries for minutes, and heeds no signal."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if colon and port.isdecimal():
+        socket.create_connection((host, int(port)), _ANSWER).close()

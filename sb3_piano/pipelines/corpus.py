@@ -21,7 +21,7 @@ from annotated_types import Ge, MinLen
 from pydantic import BeforeValidator
 
 from sb3_piano.demonstrations import shards as datasets
-from sb3_piano.demonstrations.corpus import DATA, INDEX, RecordedCorpus
+from sb3_piano.demonstrations.corpus import CONFIG, DATA, INDEX, RecordedCorpus
 from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise
 from sb3_piano.demonstrations.recording import play_episode
@@ -47,7 +47,6 @@ from sb3_piano.training.runs.provenance import provenance
 
 Env = gym.Env[Any, Any]
 
-_CONFIG = "corpus.yml"
 
 DEFAULT_NOISE = (0.0, 0.03, 0.06, 0.1)
 """Standard deviations, rad, with which learners see how a planned pianist recovers."""
@@ -196,7 +195,7 @@ def record_corpus(
     with hold(place / LOCK_SUFFIX, busy, "one recording in a folder."), stop_on_signal():
         inputs = _inputs(config)
         settings = {**config.to_mapping(), "files": inputs}
-        begin_or_go_on(place / _CONFIG, "corpus", settings, notes=provenance(config.seed))
+        begin_or_go_on(place / CONFIG, "corpus", settings, notes=provenance(config.seed))
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
 

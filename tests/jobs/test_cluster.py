@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
 import time
 from collections.abc import Iterator
@@ -73,6 +74,17 @@ def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
             assert time.monotonic() < deadline, "the job never began"
             time.sleep(0.1)
     assert file.read_text(encoding="utf-8") == "told"
+
+
+@pytest.mark.parametrize("scheme", ["", "ray://"])
+def test_a_port_where_nobody_listens_is_told_at_once(scheme):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with (
+        pytest.raises(ConfigError, match=rf"No cluster of Ray .*:{port}' \(.*refused\)"),
+        open_executor(ray=f"{scheme}127.0.0.1:{port}"),
+    ):
+        pass
 
 
 def test_processes_and_a_cluster_at_once_are_refused():

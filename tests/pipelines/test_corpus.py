@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.cli import main
 from sb3_piano.demonstrations import clone_behaviour
-from sb3_piano.demonstrations.corpus import RecordedCorpus
+from sb3_piano.demonstrations.corpus import RecordedCorpus, open_recorded
 from sb3_piano.demonstrations.dataset import Transitions
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.jobs import status
@@ -197,6 +197,9 @@ def test_a_wrong_setting_is_named(changes, message):
 def test_a_corpus_that_is_not_whole_is_refused(corpus, tmp_path):
     with pytest.raises(ConfigError, match="has no complete corpus"):
         RecordedCorpus.open(tmp_path)
+    (tmp_path / "corpus.yml").touch()  # it was begun
+    with pytest.raises(ConfigError, match="There is no whole corpus"):
+        open_recorded(str(tmp_path))
 
 
 @pytest.mark.slow

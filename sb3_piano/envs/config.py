@@ -11,6 +11,7 @@ from annotated_types import Ge, Le
 
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, SELF_ACTUATED_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hands import DEFAULT_HAND, find_hand
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation.physics import physics_profile
@@ -85,9 +86,11 @@ class PianoEnvConfig:
     hands: Hands = "both"
     """Hands whose notes are played; those of the other are left out. Where a score does not say
     which hand plays a note, one is found."""
+    hand: TextOrPath = DEFAULT_HAND
+    """Robot hand that plays, on both sides: a name, or the path of its folder (docs/hands.md)."""
     reduced_action_space: bool = True
-    """Leave out the joints LFJ5, THJ5 and THJ1 of both hands: 39 actions instead of 45; 20 instead
-    of 23 of one hand."""
+    """Leave out three joints of each Shadow hand, two of the thumb and one of the little finger's
+    metacarpal: 39 actions instead of 45; 20 instead of 23 of one hand."""
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"
@@ -140,6 +143,7 @@ class PianoEnvConfig:
                 f"observation is {self.observation!r}, but no hand is in the scene: expected "
                 "'roll' or 'window'."
             )
+        find_hand(self.hand)  # raises if there is none
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
 
     @property

@@ -88,11 +88,24 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec) -> None:
                     f"{', '.join(sorted(known))}."
                 )
     for body in spec.bodies[1:]:
+        if not _is_simple(body):
+            raise ConfigError(
+                f"The joints of {body.name!r} of '{spec.modelname}' do not fit: expected sliders or "
+                "one hinge, at the body's origin."
+            )
         if hand.short(body.name) in hand.tips and not _is_fingertip(body):
             raise ConfigError(
                 f"The fingertip {body.name!r} of '{spec.modelname}' is none: expected a link whose "
                 "first geom is a capsule, with one site."
             )
+
+
+def _is_simple(body: mujoco.MjsBody) -> bool:
+    """Return whether a body has sliders or one hinge, where its frame is."""
+    joints = list(body.joints)
+    slides = all(joint.type == mujoco.mjtJoint.mjJNT_SLIDE for joint in joints)
+    hinge = [joint.type for joint in joints] == [mujoco.mjtJoint.mjJNT_HINGE]
+    return (slides or hinge) and not any(joint.pos.any() for joint in joints)
 
 
 def _is_fingertip(body: mujoco.MjsBody) -> bool:

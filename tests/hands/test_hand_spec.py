@@ -91,6 +91,12 @@ def test_what_the_model_lacks_is_told_by_its_role(own_hand, old, new, message):
         compile_scene(hand=str(own_hand))
 
 
+def test_joints_that_kinematics_does_not_know_are_refused(own_hand):
+    change(own_hand / "right.xml", '<joint name="rh_WRJ1"', '<joint name="rh_WRJ1" pos="0 0 0.01"')
+    with pytest.raises(ConfigError, match="joints of 'rh_palm'.*one hinge, at the body's origin"):
+        compile_scene(hand=str(own_hand))
+
+
 def test_a_file_that_is_no_mjcf_is_told_with_its_path(own_hand):
     (own_hand / "left.xml").write_text("<mujoco><worldbody></mujoco>")
     with pytest.raises(ConfigError, match=r"left\.xml' is no hand"):

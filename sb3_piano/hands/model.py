@@ -42,7 +42,7 @@ def build_hand(
         ConfigError: If MuJoCo cannot read the hand's file, or that lacks what ``hand.yml`` names.
     """
     spec = _read(hand, side)
-    _check(spec, hand)
+    _check(spec, hand, side)
     if reduced_action_space:
         _reduce(spec, hand)
     for body in spec.bodies[1:]:
@@ -68,8 +68,13 @@ def _read(hand: HandSpec, side: Side) -> mujoco.MjSpec:
         raise ConfigError(f"'{file}' is no hand: {one_line(error)}.") from error
 
 
-def _check(spec: mujoco.MjSpec, hand: HandSpec) -> None:
-    """Refuse a model that lacks what ``hand.yml`` names, or whose fingertips are none."""
+def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
+    """Refuse a model that lacks what ``hand.yml`` names, or whose parts are of other kinds."""
+    if not spec.modelname.startswith(hand.prefix[side]):
+        raise ConfigError(
+            f"The {side} hand of '{hand.folder}' is the model {spec.modelname!r}: expected a name "
+            f"that begins with {hand.prefix[side]!r}."
+        )
     reduced = hand.reduced_action_space
     joints = (*hand.forearm.joints.values(), *hand.wrist, *hand.abduction, *hand.coupled)
     links = [link for links in hand.fingers.values() for link in links]
@@ -90,8 +95,8 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec) -> None:
     for body in spec.bodies[1:]:
         if not _is_simple(body):
             raise ConfigError(
-                f"The joints of {body.name!r} of '{spec.modelname}' do not fit: expected sliders or "
-                "one hinge, at the body's origin."
+                f"The joints of {body.name!r} of '{spec.modelname}' do not fit: expected sliders "
+                "or one hinge, at the body's origin."
             )
         if hand.short(body.name) in hand.tips and not _is_fingertip(body):
             raise ConfigError(

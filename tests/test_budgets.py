@@ -19,29 +19,29 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_977,
+    "base": 1_999,
     "batch": 1_977,
     "buffers": 654,
     "callbacks": 2_774,
     "cli": 3_293,
-    "demonstrations": 1_501,
-    "envs": 3_653,
+    "demonstrations": 1_502,
+    "envs": 3_667,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
     "lab": 5_678,
     "metrics": 1_053,
-    "music": 8_510,
+    "music": 8_519,
     "pipelines": 1_198,
-    "planning": 2_721,
+    "planning": 2_710,
     "players": 2_163,
     "policies": 1_588,
-    "reading": 913,
-    "simulation": 1_102,
+    "reading": 578,
+    "simulation": 947,
     "training": 6_307,
     "tuning": 1_303,
     "vec_env": 488,
-    "viewing": 2_607,
+    "viewing": 2_564,
     "wrappers": 2_047,
 }
 
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_972, "modules": 330, "names": 224},
+    "core": {"lines": 49_406, "modules": 334, "names": 227},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
-    "tests": {"lines": 41_592},
+    "tests": {"lines": 41_848},
 }
 
 

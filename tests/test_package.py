@@ -38,6 +38,8 @@ ROOMS = [
     "orphans",
     "jobs",
     "layers",
+    "engine",
+    "hands",
     "music",
     "simulation",
     "reading",

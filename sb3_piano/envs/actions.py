@@ -154,7 +154,6 @@ def hand_action_unit(scene: PianoScene) -> FloatArray:
     unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
     if "left" not in scene.sides:
         return unit
-    slider = len(unit) - 2  # the left hand's last two are its sliders, along the keyboard first
-    assert scene.model.actuator(slider).name.endswith("forearm_tx"), "the order of the hand's table"
-    unit[slider] *= -1
+    *_, left = np.flatnonzero(np.array(scene.actuator_role) == "along")
+    unit[left] *= -1
     return unit

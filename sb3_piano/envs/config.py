@@ -12,6 +12,7 @@ from annotated_types import Ge, Le
 from sb3_piano.envs.blocks import block_classes
 from sb3_piano.envs.terms import SELF_ACTUATED_TERMS, TERMS, RewardWeight, Term, own_terms
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hands import DEFAULT_HAND, find_hand
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Listed, Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation.physics import physics_profile
@@ -81,9 +82,11 @@ class PianoEnvConfig:
     hands: Hands = "both"
     """Hands whose notes are played; those of the other are left out. Where a score does not say
     which hand plays a note, one is found."""
+    hand: TextOrPath = DEFAULT_HAND
+    """Robot hand that plays, on both sides: a name, or the path of its folder (docs/hands.md)."""
     reduced_action_space: bool = True
-    """Leave out the joints LFJ5, THJ5 and THJ1 of both hands: 39 actions instead of 45; 20 instead
-    of 23 of one hand."""
+    """Leave out three joints of each Shadow hand, two of the thumb and one of the little finger's
+    metacarpal: 39 actions instead of 45; 20 instead of 23 of one hand."""
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"
@@ -141,6 +144,7 @@ class PianoEnvConfig:
                 f"observation is {self.observation!r}, but no hand is in the scene: expected "
                 "'roll' or 'window'."
             )
+        find_hand(self.hand)  # raises if there is none
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
 
     @property

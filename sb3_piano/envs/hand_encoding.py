@@ -21,8 +21,7 @@ from sb3_piano.envs.encodings import (
 from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
-from sb3_piano.music.fingering.robot import ARMS_APART
+from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
 from sb3_piano.reading.piece import HandReading, bounds_of
@@ -77,14 +76,13 @@ class HandEncoding(Encoding):
         self.tip_geoms = scene.fingertip_geom
         self.tip_along = np.concatenate([self.hands[i].tip_along for i in self._sides])[:, None]
         # The left hand in a mirror: y changes its sign, and so does the slider along it.
-        self.sign = _signs(scene)
+        self.sign, self._fingers = _signs(scene), len(scene.hand.fingers)
         self.mirror = np.insert(np.ones((len(self.sign), 1, 2)), 1, self.sign, axis=2)
         shown = self.hands[self._sides[0]]  # a hand that is not there may have other joints
         self.slider = int(np.flatnonzero(self.qpos[0] == scene.slider_qpos[0])[0])
         self.joint_sign = np.ones(self.qpos.shape)
         self.joint_sign[:, self.slider] = self.sign[:, 0]
-        along = np.abs(shown.joint_of_actuator[self.slider]).argmax()
-        self.slope = float(shown.arm_slope[along])
+        self.slope = float(shown.arm_slope[shown.along])
         blocks = [kind(scene, config) for kind in _BLOCKS]
         self.keys = next(block for block in blocks if isinstance(block, _Keys))
         """What is observed of the keys."""
@@ -129,7 +127,7 @@ class HandEncoding(Encoding):
     def read(self, roll: PianoRoll) -> Reading:
         """Take a piece of which no hand plays the notes without finger; return what was read."""
         read = read_piece(roll, self.hands, self.places)
-        bounds = bounds_of(read.line, ARMS_APART)
+        bounds = bounds_of(read.line, self.hands[0].spec.forearm.apart)
         hands = [read.hands[side] for side in self._sides]
         presses = np.stack([_shown_presses(hand, read.roll) for hand in hands], axis=1)
         piece = _Piece(roll.active, hands, [bounds[i] for i in self._sides], self.sign, presses)
@@ -138,7 +136,7 @@ class HandEncoding(Encoding):
         frames = piece.ahead([hand.frames.target for hand in hands], FRAMES_AHEAD)
         target = np.concatenate([frames, presses[..., _POINT]], axis=2)
         asked = np.concatenate([piece.weight() > 0, presses[..., _THERE] > 0], axis=2)
-        self._target = target * self.mirror[:, None] * DM_PER_M  # (T, h, 8, 5, 3) dm
+        self._target = target * self.mirror[:, None] * DM_PER_M  # (T, h, 8, f, 3) dm
         self._scale = asked[..., None].astype(float)
         self._use(prepared)
         return read
@@ -158,7 +156,7 @@ class HandEncoding(Encoding):
         alone = len(arm) == 1  # the other hand is not there, as if at rest
         axes = data.geom_xmat.take(self.tip_geoms, axis=0)[:, 2::3]
         tips = simulation.geom_xpos.take(self.tip_geoms, axis=0) + axes * self.tip_along
-        tips = tips.reshape(-1, FINGERS_PER_HAND, 3) * self.mirror
+        tips = tips.reshape(-1, self._fingers, 3) * self.mirror
         here = tips * DM_PER_M
         return _Moment(
             step=now.step,
@@ -186,7 +184,7 @@ class _Piece:
     hands: list[HandReading]
     bounds: list[FloatArray]  # (T + 1,) beyond which place each arm must be, m
     sign: FloatArray  # (h, 1)
-    presses: FloatArray  # (T, h, 2, 5, 13), see _shown_presses
+    presses: FloatArray  # (T, h, 2, f, 13), see _shown_presses
 
     def ahead(self, values: list[Any], states: IntArray) -> FloatArray:
         """Return values of each hand, (T + 1, ...), in n states after each one, (T, h, n, ...)."""
@@ -195,7 +193,7 @@ class _Piece:
         return np.stack([of_hand[shown] for of_hand in values], axis=1)
 
     def weight(self) -> FloatArray:
-        """Return how much key frames count across the keys, (T, h, 6, 5) per m."""
+        """Return how much key frames count across the keys, (T, h, 6, f) per m."""
         return self.ahead([hand.frames.weight[..., 1] for hand in self.hands], FRAMES_AHEAD)
 
 
@@ -208,9 +206,9 @@ class _Moment(NamedTuple):
     velocities: FloatArray  # (h, m) rad/s, or m/s
     arm: FloatArray  # (h, 1) place to the little finger's side, dm
     other_arm: FloatArray | float  # that of the other arm, to its own side
-    tips: FloatArray  # (h, 5, 3) fingertips, m
+    tips: FloatArray  # (h, f, 3) fingertips, m
     tips_dm: FloatArray
-    # (h, 8, 5, 3) from fingertips to where key frames and presses want them, dm; 0 if anywhere
+    # (h, 8, f, 3) from fingertips to where key frames and presses want them, dm; 0 if anywhere
     ways: FloatArray
 
 
@@ -243,13 +241,15 @@ class _Velocities(Block):
 
 class _Fingertips(Block):
     name = "fingertips"
-    shape = (FINGERS_PER_HAND, 3)
     unit = "dm"
     meaning = (
         "centres of the fingertips, thumb to little finger: x towards the player, y away from the "
         "arm to the little finger's side, z up"
     )
     low, high = -FARTHEST, FARTHEST
+
+    def __init__(self, scene: PianoScene, config: PianoEnvConfig):
+        self.shape = (len(scene.hand.fingers), 3)
 
     def write(self, out: Float32Array, now: _Moment) -> None:
         out[:] = now.tips_dm
@@ -263,7 +263,6 @@ def _listed(numbers: IntArray) -> str:
 
 class _Frames(Block):
     name = "frames"
-    shape = (len(FRAMES_AHEAD), FINGERS_PER_HAND, 4)
     unit = "dm (3), 1"
     meaning = (
         f"for the states after {_listed(FRAMES_AHEAD)} control steps and each finger: the way from "
@@ -272,6 +271,9 @@ class _Frames(Block):
     )
     low = (*[-FARTHEST] * 3, 0.0)
     high = (*[FARTHEST] * 3, 10.0)
+
+    def __init__(self, scene: PianoScene, config: PianoEnvConfig):
+        self.shape = (len(FRAMES_AHEAD), len(scene.hand.fingers), 4)
 
     def prepare(self, piece: _Piece) -> FloatArray:
         weight = piece.weight()
@@ -285,7 +287,6 @@ class _Frames(Block):
 
 class _Presses(Block):
     name = "presses"
-    shape = (PRESSES_AHEAD, FINGERS_PER_HAND, 13)
     unit = "dm (3), 1, s (2), 1 (5), s (2)"
     meaning = (
         "for each finger's press under way or else the next, then the one after it: the way to "
@@ -300,6 +301,7 @@ class _Presses(Block):
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
         self._timestep = config.control_timestep
+        self.shape = (PRESSES_AHEAD, len(scene.hand.fingers), 13)
 
     def prepare(self, piece: _Piece) -> FloatArray:
         presses = piece.presses
@@ -323,7 +325,6 @@ class _Presses(Block):
 
 class _Keys(Block):
     name = "keys"
-    shape = (FINGERS_PER_HAND, 10)
     unit = "1 (9), cm"
     meaning = (
         "for the key that is nearest to each fingertip, and its neighbours on the thumb's and on "
@@ -336,6 +337,7 @@ class _Keys(Block):
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
         places, sign = KeyPlaces.of(scene).y, _signs(scene)
+        self.shape = (len(scene.hand.fingers), 10)
         self._places, self._sign = places, sign
         # The nearest key for each millimetre across the keyboard, and where that begins, m.
         cells = np.arange(places[0], places[-1], _GRID) + _GRID / 2
@@ -352,7 +354,7 @@ class _Keys(Block):
         return {"due": self._due}
 
     def write(self, out: Float32Array, now: _Moment) -> None:
-        across = now.tips[:, :, 1] * self._sign  # (h, 5) in the world
+        across = now.tips[:, :, 1] * self._sign  # (h, f) in the world
         cells = ((across - self.lowest) * (1 / _GRID)).astype(np.intp)
         key = self.nearest.take(cells, mode="clip")
         around = key[:, :, None] + self.around
@@ -431,17 +433,17 @@ def _shown_presses(hand: HandReading, roll: PianoRoll) -> FloatArray:
     """Return in each of T states each finger's press under way or else the next, and that after it.
 
     Returns:
-        (T, 2, 5, 13): its key; states until the first and the last one in which it must be down,
+        (T, 2, f, 13): its key; states until the first and the last one in which it must be down,
         negative where they are over; where the fingertip is when it is down, m; 1 if there is one,
         if it is black, if the hand came by a leap, if it leaves by one, if the same finger strikes
         the key again at once; when its note begins and ends as it is written, s from the start.
         All 0 if there is none.
     """
-    steps = len(roll)
+    steps, fingers = len(roll), hand.frames.target.shape[1]
     onsets = {(step, key): time for step, key, time in roll.strikes()}
-    shown = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _COLUMNS))
+    shown = np.zeros((steps, PRESSES_AHEAD, fingers, _COLUMNS))
     states = np.arange(steps)
-    for finger in range(FINGERS_PER_HAND):
+    for finger in range(fingers):
         own = [one for one in hand.presses if one.press.finger == finger]
         ends = np.maximum.accumulate([one.last for one in own] or [0])
         following = np.searchsorted(ends, states + 1) if own else np.zeros(steps, np.intp)

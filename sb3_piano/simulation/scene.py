@@ -17,9 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
+from sb3_piano.engine import mujoco
+from sb3_piano.hands import HandSpec
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.music.hands import HANDS, Hand, fingers_of
-from sb3_piano.simulation.engine import mujoco
 
 SIDES = HANDS
 """The hands in their order."""
@@ -74,6 +75,8 @@ class PianoScene:
     """Shapes of each forearm."""
     forearm_reach: float
     """Forearms cannot touch while their first shapes are farther apart along the keyboard, m."""
+    hand: HandSpec
+    """The hand, and the roles of its parts."""
     slider_qpos: IntArray
     """(h,) addresses in ``qpos`` of the sliders along the keyboard."""
     options: Mapping[str, Any]
@@ -92,7 +95,8 @@ class PianoScene:
     @functools.cached_property
     def fingers(self) -> IntArray:
         """(5 h,) labels of the fingers that are there, ascending."""
-        fingers = [finger for side in self.sides for finger in fingers_of(side)]
+        count = len(self.hand.fingers)
+        fingers = [finger for side in self.sides for finger in fingers_of(side)[:count]]
         return np.array(fingers, dtype=np.intp)
 
     @functools.cached_property
@@ -118,11 +122,17 @@ class PianoScene:
     @functools.cached_property
     def actuator_kind(self) -> npt.NDArray[np.str_]:
         """(nu,) what each actuator moves: ``"finger"``, ``"wrist"`` or ``"forearm"`` (a slider)."""
-        names = [self.model.actuator(index).name for index in range(self.model.nu)]
-        kinds = [
-            "forearm" if "forearm" in n else "wrist" if "WRJ" in n else "finger" for n in names
-        ]
-        return np.array(kinds)
+        kinds = {"along": "forearm", "across": "forearm", "wrist": "wrist"}
+        return np.array([kinds.get(role, "finger") for role in self.actuator_role])
+
+    @functools.cached_property
+    def actuator_role(self) -> tuple[str, ...]:
+        """What each actuator is for: the role of the first joint that it drives."""
+        names = [name for names in self.joint_names for name in names]
+        if not names:  # keys
+            return ("finger",) * self.model.nu
+        first = (self.actuator_of_joint != 0).argmax(axis=1).tolist()
+        return tuple(self.hand.role(self.hand.short(names[joint])) for joint in first)
 
     def actuator_positions(self, joints: npt.NDArray[np.floating]) -> FloatArray:
         """Return where the actuators are, (nu,) rad or m; joints are as in ``hand_qpos``."""

@@ -26,6 +26,7 @@ LINES = {
     "cli": 3_293,
     "demonstrations": 1_502,
     "envs": 3_667,
+    "hands": 932,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
@@ -55,7 +56,7 @@ LONG_WORK_LINES = 3_373
 TOTALS = {
     "core": {"lines": 49_406, "modules": 334, "names": 227},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
-    "tests": {"lines": 41_848},
+    "tests": {"lines": 41_849},
 }
 
 

@@ -11,14 +11,14 @@ import errno
 import re
 from collections.abc import Iterable
 
-from sb3_piano.text import told
+from sb3_piano.text import shortened
 
 
 class SB3PianoError(Exception):
     """Base of all errors that this package raises on purpose; the message is one line."""
 
     def __str__(self) -> str:
-        return told(super().__str__())
+        return shortened(super().__str__())
 
 
 class ScoreError(SB3PianoError, ValueError):

@@ -26,7 +26,7 @@ def printable(text: str) -> str:
     return escaped(_BREAKS.sub(" ", text))
 
 
-def told(text: str) -> str:
+def shortened(text: str) -> str:
     """Make a message one printable line; cut the middle out of a long one."""
     if len(text) > _LONGEST:
         end = len(text) - _KEPT_OF_END

@@ -129,7 +129,7 @@ def check_hdf5(path: str | os.PathLike[str]) -> int:
                 if isinstance(item, h5py.Group):
                     groups.append(item)
                 elif item is None or item.is_virtual or item.external:
-                    raise ValueError(f"{group.name}/{name} is stored outside the file")
+                    raise ValueError(f"{group.name}/{name} stands elsewhere")
                 left -= getattr(item, "nbytes", 0) + _ITEM_BYTES
                 if left < 0:
                     raise ValueError("its arrays would take far more than its size")

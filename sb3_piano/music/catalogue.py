@@ -92,7 +92,7 @@ def load_score(source: ScoreSource | Mapping[str, Any], parts: Sequence[str | in
     """
     is_file = is_path(source) if isinstance(source, str) else isinstance(source, os.PathLike)
     if parts and not is_file:
-        raise ConfigError("Parts are chosen of what is no file: expected a MusicXML file.")
+        raise ConfigError("Parts can be chosen only in a file: expected a MusicXML file.")
     if isinstance(source, Score):
         return source
     if isinstance(source, Mapping):

@@ -36,7 +36,7 @@ DEBUG_IDS = tuple(env_id for env_id, name in PIECE_IDS.items() if name.startswit
 """The ids of the debug set."""
 
 ENV_IDS = (GENERAL_ID, SELF_ACTUATED_ID, *PIECE_IDS)
-"""All ids of built-in pieces."""
+"""All ids that need no imported piece."""
 
 PIG_IDS: Mapping[str, str] = MappingProxyType(
     {f"RoboPianist-{name}-v0": name for name in _NAMES["pig"]}

@@ -31,7 +31,7 @@ LINES = {
     "jobs": 962,
     "lab": 5_682,
     "metrics": 960,
-    "music": 8_504,
+    "music": 8_500,
     "pipelines": 1_358,
     "planning": 2_700,
     "players": 2_160,
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 3_711
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_734, "modules": 329, "names": 221},
+    "core": {"lines": 48_730, "modules": 329, "names": 221},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
     "tests": {"lines": 42_542},
 }

@@ -2,8 +2,7 @@
 
 This is an order-k Viterbi search (Viterbi 1967). A *state* assigns fingers to all keys that are
 down from one onset to the next; a cost depends on the states of an onset and of the k before it.
-The search is exact unless the number of states is limited. Time and memory grow with the number of
-onsets.
+The search is exact unless the number of states is limited. Time and memory grow with the onsets.
 """
 
 from __future__ import annotations

@@ -6,8 +6,7 @@ tracks named ``right`` and ``left``, all others in one named ``unlabelled``. Any
 these tracks, and they survive editing.
 
 One MIDI track cannot hold two overlapping notes of one pitch: the first release ends both. If two
-such notes have the same label, the second goes to a further track, ``R1 2`` or
-``unlabelled 2``.
+such notes have the same label, the second goes to a further track, ``R1 2`` or ``unlabelled 2``.
 
 Times are in ticks of 0.1 ms, so a score read back differs by half of that at most. Ticks are
 coarser in pieces of more than 16 minutes, because of pretty_midi's limit. Notes and presses of the

@@ -50,13 +50,11 @@ def read_musicxml(path: str | os.PathLike[str], parts: Sequence[str | int] = ())
       swing; fermatas and words have no effect. Repeats, endings, D.C. and D.S. are played, also if
       they are only printed. A grace note is played before the beat, for 0.1 s, but at most for half
       of the time since the last note. A note with a staccato dot is held for half of its time.
-      Trills and arpeggios are played as the plain notes that are
-      written.
+      Trills and arpeggios are played as the plain notes that are written.
     - *Hands*: the upper of a part's two staves is the right hand; so is the upper of two parts with
       one staff. The hand of a lone staff follows from its name; if it has fingerings, else from its
       clef. The first finger of a substitution (``4-1``) counts.
-    - *Pedal*: by its marks, or by the sound attributes with them. At a change, it is up for
-      0.1 s.
+    - *Pedal*: by its marks, or by the sound attributes with them; up for 0.1 s at a change.
     - *Velocity*: by the ``dynamics`` of each note, which programs write from playback, default 80;
       signs (``mf``) have no effect.
     - *Parts*: chosen by name, or by number from 1. By default, all parts of keyboard instruments

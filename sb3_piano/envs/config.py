@@ -12,7 +12,8 @@ from annotated_types import Ge, Le
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, SELF_ACTUATED_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import HANDS, Hand
-from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
+from sb3_piano.settings import Listed, Number, TextOrPath, Unit, Whole, refuse_unknown, settings
+from sb3_piano.simulation.hand import DEFAULT_FOREARM_DOFS, ForearmDof, check_forearm_dofs
 from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.viewing import View
 
@@ -88,6 +89,11 @@ class PianoEnvConfig:
     reduced_action_space: bool = True
     """Leave out the joints LFJ5, THJ5 and THJ1 of both hands: 39 actions instead of 45; 20 instead
     of 23 of one hand."""
+    forearm_dofs: Annotated[tuple[ForearmDof, ...], Listed] = DEFAULT_FOREARM_DOFS
+    """Joints of each forearm, in RoboPianist's order: sliders along the keyboard ("forearm_tx"),
+    towards the keys' hinges ("forearm_ty") and up ("forearm_tz"); turns about its own axis
+    ("forearm_roll"), up ("forearm_pitch") and to the side ("forearm_yaw"). The first one must be
+    there. Each is one more action and one more joint of each hand."""
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"
@@ -140,6 +146,13 @@ class PianoEnvConfig:
                 f"observation is {self.observation!r}, but no hand is in the scene: expected "
                 "'roll' or 'window'."
             )
+        check_forearm_dofs(self.forearm_dofs)
+        if self.observation == "hands" and self.forearm_dofs != DEFAULT_FOREARM_DOFS:
+            raise ConfigError(
+                f"observation is 'hands' and forearm_dofs {list(self.forearm_dofs)}: what a hand "
+                "sees there is laid out for forearms that only slide. Expected 'roll', 'window' or "
+                f"'fingers', or forearm_dofs={list(DEFAULT_FOREARM_DOFS)}."
+            )
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
 
     @property
@@ -151,8 +164,12 @@ class PianoEnvConfig:
     def simulation(self) -> str:
         """Options that decide how a state of the physics goes on."""
         physics, gravity = self.physics, self.gravity_compensation
-        step = self.control_timestep
-        return f"physics {physics!r}, gravity_compensation {gravity}, control_timestep {step:g}"
+        step, dofs = self.control_timestep, self.forearm_dofs
+        forearms = "" if dofs == DEFAULT_FOREARM_DOFS else f", forearm_dofs {list(dofs)}"
+        return (
+            f"physics {physics!r}, gravity_compensation {gravity}, control_timestep {step:g}"
+            f"{forearms}"
+        )
 
     @property
     def n_substeps(self) -> int:

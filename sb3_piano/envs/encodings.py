@@ -23,6 +23,8 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_FINGERS, NUM_KEYS
 from sb3_piano.simulation import PianoScene, Simulation
+from sb3_piano.simulation.hand import DEFAULT_FOREARM_DOFS
+from sb3_piano.simulation.scene import kind_of
 
 GOAL_WIDTH = NUM_KEYS + 1
 """Numbers in one row of the goal: the keys, then the pedal."""
@@ -246,13 +248,18 @@ def _pedal_block() -> ObservationBlock:
 
 
 def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
+    dofs = scene.options["forearm_dofs"]
+    unit, forearm = "m for the last two", "the sliders along the keyboard and towards the hinges"
+    forearm += " of the keys"
+    if dofs != DEFAULT_FOREARM_DOFS:
+        sliders = [name for name in dofs if kind_of(name) == "forearm"]
+        unit, forearm = f"m for {', '.join(sliders)}", ", ".join(dofs)
     return [
         ObservationBlock(
             name=f"{side}_joints",
             shape=(len(limits),),
-            unit="rad, m for the last two",
-            meaning=f"{side} hand's joint positions, wrist to thumb, then the sliders along the "
-            "keyboard and towards the hinges of the keys",
+            unit=f"rad, {unit}",
+            meaning=f"{side} hand's joint positions, wrist to thumb, then {forearm}",
             low=limits[:, 0] - _JOINT_OVERSHOOT,
             high=limits[:, 1] + _JOINT_OVERSHOOT,
         )

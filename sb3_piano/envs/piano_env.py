@@ -511,6 +511,7 @@ class PianoEnv(gym.Env[Any, Any]):
             physics=config.physics,
             moving_keys=(moving.first, moving.last),
             sides=config.sides,
+            forearm_dofs=config.forearm_dofs,
         ).copy()
         self.model = self.scene.model
         self._simulation = Simulation(self.scene, config.n_substeps)

@@ -24,6 +24,7 @@ from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.engine import mujoco
+from sb3_piano.simulation.hand import DEFAULT_FOREARM_DOFS
 
 FORMAT = 1
 """Version of the files."""
@@ -153,9 +154,10 @@ def _check(header: Mapping[str, Any], roll: PianoRoll, scene: PianoScene) -> Non
             "what is played here. 'sb3-piano plan PIECE --refine MINUTES' makes one."
         )
     here = _described(scene)
-    other = [n for n in here if header["scene"].get(n) != here[n]]
+    there = {"forearm_dofs": list(DEFAULT_FOREARM_DOFS), **header["scene"]}  # older files have none
+    other = [n for n in here if there.get(n) != here[n]]
     if other:
-        told = ", ".join(f"{n} {header['scene'].get(n)!r}, here {here[n]!r}" for n in other)
+        told = ", ".join(f"{n} {there.get(n)!r}, here {here[n]!r}" for n in other)
         raise _MisfitError(
             f"is for another scene ({told}): expected it in a scene as it was made for."
         )

@@ -36,6 +36,7 @@ def compile_scene(
     physics: str = "reference",
     moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
     sides: tuple[Hand, ...] = SIDES,
+    forearm_dofs: tuple[str, ...] = hand.DEFAULT_FOREARM_DOFS,
 ) -> PianoScene:
     """Build and compile the scene; equal arguments return the same object (``copy`` it to change).
 
@@ -47,9 +48,11 @@ def compile_scene(
             them, but they never go down. The fewer move, the faster are the physics steps.
         sides: Hands that are there, the right one first. Where there is none, each key has an
             actuator.
+        forearm_dofs: Joints of each forearm, some of
+            :data:`~sb3_piano.simulation.hand.FOREARM_DOFS` in their order.
 
     Raises:
-        ConfigError: If the physics profile is unknown, or there are no such keys.
+        ConfigError: If the physics profile is unknown, or there are no such keys or joints.
     """
     options: dict[str, Any] = {
         "reduced_action_space": reduced_action_space,
@@ -57,6 +60,7 @@ def compile_scene(
         "physics": physics,
         "moving_keys": moving_keys,
         "sides": sides,
+        "forearm_dofs": forearm_dofs,
     }
     return assemble_scene(scene_parts(**options), options)
 
@@ -90,6 +94,7 @@ def scene_parts(
     physics: str = "reference",
     moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
     sides: tuple[Hand, ...] = SIDES,
+    forearm_dofs: tuple[str, ...] = hand.DEFAULT_FOREARM_DOFS,
 ) -> list[mujoco.MjSpec]:
     """Return the specifications of the scene: the world, then the keyboard, then the hands.
 
@@ -97,6 +102,7 @@ def scene_parts(
     to a body of its own, with its name and a slash before all names.
     """
     _check_moving_keys(*moving_keys)
+    hand.check_forearm_dofs(forearm_dofs)
     profile = physics_profile(physics)
     world = mujoco.MjSpec()
     world.modelname = "scene"
@@ -120,6 +126,7 @@ def scene_parts(
             side,
             reduced_action_space=reduced_action_space,
             gravity_compensation=gravity_compensation and not weightless,
+            forearm_dofs=forearm_dofs,
             coupled_friction_only=profile.coupled_friction_only,
             playing_contacts_only=profile.playing_contacts_only,
             capsule_forearm=profile.capsule_forearms,
@@ -192,6 +199,7 @@ def _index_scene(model: mujoco.MjModel, options: Mapping[str, Any]) -> PianoScen
     press_offset[:, 0] = _PRESS_POINT_X * model.geom_size[key_geom, 0]
     press_offset[:, 2] = _PRESS_POINT_Z * model.geom_size[key_geom, 2]
     hand_joints = tuple(_hand_joints(model, side) for side in sides)
+    sliders = [model.joint(hand.part_name(side, hand.ALONG)).id for side in sides]
     forearms = [model.body(hand.body_name(side, "forearm")).id for side in sides]
     tips = [model.body(hand.body_name(s, link)).id for s in sides for link in hand.FINGERTIPS]
     forearm_geoms = [np.flatnonzero(model.geom_bodyid == body).tolist() for body in forearms]
@@ -213,7 +221,7 @@ def _index_scene(model: mujoco.MjModel, options: Mapping[str, Any]) -> PianoScen
         actuator_of_joint=_actuator_of_joint(model, hand_joints),
         forearm_geoms=tuple(forearm_geoms),
         forearm_reach=_forearm_reach(model, forearm_geoms) if len(sides) > 1 else 0.0,
-        slider_qpos=np.array([model.jnt_qposadr[joints[-2]] for joints in hand_joints], np.intp),
+        slider_qpos=model.jnt_qposadr[sliders].astype(np.intp),
         options=options,
     )
 
@@ -232,11 +240,11 @@ def _boxes_of_pressed_keys(
 
 
 def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:
-    """Return a hand's joints in the order of RoboPianist's observation: the sliders last."""
-    prefix = hand.body_name(side, "").partition("/")[0] + "/"
+    """Return a hand's joints in the order of RoboPianist's observation: the forearm's last."""
+    prefix = hand.part_name(side, "")
     joints = [j for j in range(model.njnt) if model.joint(j).name.startswith(prefix)]
-    sliders = [model.joint(prefix + name).id for name in hand.FOREARM_JOINTS]
-    return np.array([j for j in joints if j not in sliders] + sliders)
+    forearm = [j for j in joints if model.joint(j).name.startswith(f"{prefix}forearm_")]
+    return np.array([j for j in joints if j not in forearm] + forearm)
 
 
 def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> FloatArray:
@@ -253,8 +261,12 @@ def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> Fl
 def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
     """Return how far apart along the keyboard the first shapes are, at most, where forearms touch.
 
-    Forearms slide but never turn, so that what their shapes cover moves with each of them.
+    What the shapes of forearms cover moves with each of them where they slide; where they turn,
+    it stays within spheres.
     """
+    bodies = [model.geom_bodyid[shapes[0]] for shapes in geoms]
+    if (model.jnt_type[np.isin(model.jnt_bodyid, bodies)] != mujoco.mjtJoint.mjJNT_SLIDE).any():
+        return sum(_farthest(model, shapes) for shapes in geoms)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     row = data.geom_xmat[:, 3:6]  # world y in the frame of each shape
@@ -263,3 +275,9 @@ def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
     low = [(middle - half)[shapes].min() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
     high = [(middle + half)[shapes].max() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
     return float(max(high[0] - low[1], high[1] - low[0]))
+
+
+def _farthest(model: mujoco.MjModel, shapes: list[int]) -> float:
+    """Return how far from the first of a body's shapes the others reach, whichever way, m."""
+    away = np.linalg.norm(model.geom_pos[shapes] - model.geom_pos[shapes[0]], axis=1)
+    return float((away + model.geom_rbound[shapes] + model.geom_margin[shapes]).max()) + _CLEARANCE

@@ -1,15 +1,30 @@
-"""One Shadow Dexterous Hand on two sliders (along the keyboard, and towards the keys' hinges)."""
+"""One Shadow Dexterous Hand on its forearm, which slides along the keyboard, and more if wanted."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Literal, get_args
 
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import refuse_unknown
 from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.tables import load_table
 
-FOREARM_JOINTS = ("forearm_tx", "forearm_ty")
-"""The sliders that carry a hand: along the keyboard, and towards the keys' hinges, m."""
+ForearmDof = Literal[
+    "forearm_tx", "forearm_ty", "forearm_tz", "forearm_roll", "forearm_pitch", "forearm_yaw"
+]
+"""A joint of a forearm and its actuator, named as in RoboPianist. It slides along the keyboard,
+towards the keys' hinges and up, m; and turns about its own axis, up and to the side, rad."""
+
+FOREARM_DOFS: tuple[ForearmDof, ...] = get_args(ForearmDof)
+"""All of them, in their order."""
+
+DEFAULT_FOREARM_DOFS: tuple[ForearmDof, ...] = ("forearm_tx", "forearm_ty")
+"""Those that RoboPianist's authors train with."""
+
+ALONG: ForearmDof = "forearm_tx"
+"""The slider along the keyboard, which every hand has."""
 
 FINGERTIPS = tuple(f"{finger}distal" for finger in ("th", "ff", "mf", "rf", "lf"))
 """Links that press keys, thumb to little finger."""
@@ -22,7 +37,7 @@ _SITE_SIZE = (0.004, 0.005, 0.005)
 # Bits of contype and conaffinity. By default every shape of a hand meets every other, of either
 # hand, and the keyboard, whose conaffinity is 1.
 _KEYBOARD, _OTHER_HAND = 1, 2
-# As wide as the hull and as long: forearms are always parallel, so that they meet where hulls do.
+# As wide as the hull and as long: forearms that do not turn are parallel, and meet where hulls do.
 _CAPSULE = {"type": "capsule", "size": [0.0748, 0.0167, 0.0], "pos": [0.0, 0.0, 0.0914]}
 _ALL_CONTACTS = {"contype": _KEYBOARD, "conaffinity": _KEYBOARD}
 _PLAYING_LINKS = ("distal", "middle")
@@ -36,6 +51,7 @@ def build_hand(
     *,
     reduced_action_space: bool,
     gravity_compensation: bool,
+    forearm_dofs: Sequence[str] = DEFAULT_FOREARM_DOFS,
     coupled_friction_only: bool = False,
     playing_contacts_only: bool = False,
     capsule_forearm: bool = False,
@@ -49,6 +65,7 @@ def build_hand(
         reduced_action_space: Fix the joints LFJ5, THJ5 and THJ1 and halve the range of THJ2, as
             RoboPianist's reduced action space does.
         gravity_compensation: Let a force balance the weight of every body of the hand.
+        forearm_dofs: Joints of the forearm, in the order of ``FOREARM_DOFS``.
         coupled_friction_only: Let only the middle joints of the fingers have dry friction, see
             :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
         playing_contacts_only: Meet only the other hand, and the keyboard with fingertips and
@@ -61,10 +78,11 @@ def build_hand(
     spec.modelname = f"{hand['prefix']}_shadow_hand"
     spec.compiler.degree = False
     spec.add_mesh(name=_FOREARM_MESH, uservert=_hull_vertices(table["forearm_hull_rings"]))
-    reduced, removed = table["reduced_action_space"], ()
+    reduced = table["reduced_action_space"]
+    removed = tuple(name for name in FOREARM_DOFS if name not in forearm_dofs)
     ranges: dict[str, list[float]] = {}
     if reduced_action_space:
-        removed = tuple(reduced["joints_removed"])
+        removed += tuple(reduced["joints_removed"])
         ranges[f"{hand['prefix']}_THJ2"] = reduced["THJ2_range"]
     for entry in hand["bodies"]:
         parent = spec.body(entry["parent"]) if entry["parent"] else spec.worldbody
@@ -99,10 +117,31 @@ def build_hand(
     return spec
 
 
+def check_forearm_dofs(dofs: Sequence[str]) -> None:
+    """Make sure that joints are those of a forearm that can play.
+
+    Raises:
+        ConfigError: If one is unknown, twice there or not in its place, or the slider along the
+            keyboard is missing.
+    """
+    refuse_unknown(dofs, FOREARM_DOFS, "joint", "forearm_dofs")
+    expected = [name for name in FOREARM_DOFS if name in {*dofs, ALONG}]
+    if list(dofs) != expected:
+        raise ConfigError(
+            f"forearm_dofs is {list(dofs)}: expected {expected}, each joint once, in RoboPianist's "
+            f"order, and {ALONG!r}, without which a hand stays where it is."
+        )
+
+
 def body_name(side: str, link: str) -> str:
     """Return the name of a link of a hand in the scene, such as ``"forearm"``."""
     prefix = load_table("shadow_hands")[side]["prefix"]
-    return f"{prefix}_shadow_hand/{prefix}_{link}"
+    return part_name(side, f"{prefix}_{link}")
+
+
+def part_name(side: str, name: str) -> str:
+    """Return the name in the scene of what has a name in a hand."""
+    return f"{load_table('shadow_hands')[side]['prefix']}_shadow_hand/{name}"
 
 
 def _playing_masks(side: str, body: str) -> dict[str, int]:

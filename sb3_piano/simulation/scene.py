@@ -31,6 +31,9 @@ TIP_TRAVEL = 0.06
 """Way of a fingertip when a finger's joint turns by a rad, about, m, and so what a forearm's slider
 has to move to matter as much."""
 
+FOREARM_TRAVEL = 0.4
+"""The same when its forearm turns."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PianoScene:
@@ -66,7 +69,7 @@ class PianoScene:
     fingertip_geom: IntArray
     """(5 h,) geoms of the last finger links, in the order of ``fingers``."""
     joints: tuple[IntArray, ...]
-    """Joints of each hand, wrist to thumb, sliders last."""
+    """Joints of each hand, wrist to thumb, those of the forearm last."""
     actuator_of_joint: FloatArray
     """(nu, m) which actuator moves by how much with which joint, all hands' joints in the order of
     ``joint_qpos``: where the actuators are is this times where the joints are."""
@@ -117,12 +120,9 @@ class PianoScene:
 
     @functools.cached_property
     def actuator_kind(self) -> npt.NDArray[np.str_]:
-        """(nu,) what each actuator moves: ``"finger"``, ``"wrist"`` or ``"forearm"`` (a slider)."""
-        names = [self.model.actuator(index).name for index in range(self.model.nu)]
-        kinds = [
-            "forearm" if "forearm" in n else "wrist" if "WRJ" in n else "finger" for n in names
-        ]
-        return np.array(kinds)
+        """(nu,) what each actuator moves: ``"finger"``, ``"wrist"``, ``"forearm"`` (a slider) or
+        ``"elbow"`` (a hinge of the forearm)."""
+        return np.array([kind_of(self.model.actuator(index).name) for index in range(self.model.nu)])
 
     def actuator_positions(self, joints: npt.NDArray[np.floating]) -> FloatArray:
         """Return where the actuators are, (nu,) rad or m; joints are as in ``hand_qpos``."""
@@ -196,3 +196,15 @@ class PianoScene:
     def copy(self) -> PianoScene:
         """Return the same scene with a model of its own, which may then be modified."""
         return dataclasses.replace(self, model=copy.copy(self.model))
+
+
+def kind_of(name: str) -> str:
+    """Return what the joint or the actuator of a name moves, as ``PianoScene.actuator_kind`` does."""
+    if "forearm_t" in name:
+        return "forearm"
+    return "elbow" if "forearm" in name else "wrist" if "WRJ" in name else "finger"
+
+
+def tip_unit(kind: str) -> float:
+    """Return what moves a fingertip as far as a rad of a finger or a wrist, about; rad or m."""
+    return {"forearm": TIP_TRAVEL, "elbow": TIP_TRAVEL / FOREARM_TRAVEL}.get(kind, 1.0)

@@ -19,6 +19,8 @@ from sb3_piano.simulation import PianoScene
 
 # Curled fingers, a thumb held out: where the search for the posture begins, rad.
 _CURLED = {"J3": 1.0, "J0": 1.0, "WRJ1": -0.08, "THJ4": 0.8}
+# Turns of the forearm that are not sought: elbows are out, and hands have room beside each other.
+_HELD = {"forearm_yaw": -0.1, "forearm_roll": 0.0, "forearm_pitch": 0.0, "forearm_tz": 0.0}
 _HEIGHT = 0.0187  # of the fingertips' centres over the keys' tops, m
 _TRIALS = 2
 
@@ -70,18 +72,17 @@ def _sought(pickled_kinematics: bytes, top: float) -> FloatArray:
     along[THUMB] = WHITE_X[0]
     target = np.stack([along, across, np.full(FINGERS_PER_HAND, top + _HEIGHT)], axis=1)
     start = np.array([_start(name) for name in kinematics.names])
+    held = np.array([10.0 if name in _HELD else 0.01 for name in kinematics.names])
     low, high = kinematics.low, kinematics.high
     rng = np.random.default_rng(0)
 
     def residuals(positions: FloatArray) -> FloatArray:
         off = kinematics.fingertips(positions[None])[0] - target
-        return np.concatenate([10 * off.ravel(), 0.01 * (positions - start)])
+        return np.concatenate([10 * off.ravel(), held * (positions - start)])
 
     def slopes(positions: FloatArray) -> FloatArray:
         _, jacobian = kinematics.fingertips_and_jacobian(positions[None])
-        return np.concatenate(
-            [10 * jacobian[0].reshape(target.size, -1), 0.01 * np.eye(len(start))]
-        )
+        return np.concatenate([10 * jacobian[0].reshape(target.size, -1), np.diag(held)])
 
     solutions = []
     for trial in range(_TRIALS):
@@ -96,6 +97,8 @@ def _sought(pickled_kinematics: bytes, top: float) -> FloatArray:
 
 def _start(name: str) -> float:
     """Return where the search begins for an actuator, rad or m."""
+    if name in _HELD:
+        return _HELD[name]
     ends = (end for end in _CURLED if name.endswith(end) and not (end == "J3" and name == "THJ3"))
     return _CURLED.get(next(ends, ""), 0.0)
 

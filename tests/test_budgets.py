@@ -19,25 +19,26 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_790,
+    "base": 1_812,
     "batch": 1_970,
     "buffers": 660,
     "callbacks": 2_770,
     "cli": 3_204,
     "demonstrations": 1_505,
-    "envs": 3_290,
+    "envs": 3_298,
+    "hands": 840,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 962,
     "lab": 5_682,
     "metrics": 960,
-    "music": 8_510,
+    "music": 8_520,
     "pipelines": 1_354,
-    "planning": 2_700,
+    "planning": 2_690,
     "players": 2_172,
     "policies": 1_580,
-    "reading": 913,
-    "simulation": 1_102,
+    "reading": 578,
+    "simulation": 950,
     "training": 6_290,
     "tuning": 1_390,
     "vec_env": 490,
@@ -53,9 +54,9 @@ LONG_WORK_LINES = 3_706
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_472, "modules": 324, "names": 221},
+    "core": {"lines": 48_850, "modules": 327, "names": 224},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_358},
+    "tests": {"lines": 42_460},
 }
 
 

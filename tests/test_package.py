@@ -37,6 +37,8 @@ ROOMS = [
     "orphans",
     "jobs",
     "layers",
+    "engine",
+    "hands",
     "music",
     "simulation",
     "reading",

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 
 from sb3_piano.batch.worlds import Tensor, Worlds
+from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.settings import Count, checked
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.compiling import assemble_scene, scene_parts
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.threads import usable_cores
 
 _BROKEN = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)

@@ -9,11 +9,11 @@ import torch
 import warp as wp
 
 from sb3_piano.batch.worlds import Tensor, Worlds
+from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.settings import Count, checked
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 
 wp.config.log_level = wp.LOG_WARNING
 

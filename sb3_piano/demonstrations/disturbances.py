@@ -164,7 +164,8 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         _, info = self.env.reset(seed=seed, options=options)
         scene, data = self._piano.scene, self._piano.data
         where = scene.hand_qpos
-        units = [tip_unit(kind_of(name)) for names in scene.joint_names for name in names]
+        names = [scene.hand.short(name) for names in scene.joint_names for name in names]
+        units = [tip_unit(kind_of(scene.hand.role(name))) for name in names]
         low, high = np.concatenate(scene.joint_range).T
         offsets = self._piano.np_random.normal(size=len(where)) * self._std
         moved = data.qpos[where] + offsets * units

@@ -16,13 +16,13 @@ from gymnasium.envs.registration import EnvSpec
 import sb3_piano
 from sb3_piano.demonstrations.dataset import EXPERT_ACTION, DatasetWriter
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise, PerturbedStart
+from sb3_piano.engine import mujoco
 from sb3_piano.envs.episode_end import final_info
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.players.rollout import Player, Transition, rollout
 from sb3_piano.settings import Count, Index, checked
-from sb3_piano.simulation.engine import mujoco
 
 if TYPE_CHECKING:
     from minari import MinariDataset

@@ -13,7 +13,6 @@ from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import InvalidActionError, one_line
 from sb3_piano.settings import Positive, checked
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.hand import part_name
 from sb3_piano.simulation.scene import tip_unit
 
 REACH = 1.2
@@ -22,7 +21,7 @@ REACH = 1.2
 # What moves a fingertip about as far in a control step of 0.05 s, relative to a rad of a finger's
 # joint: of what they are told fingers follow two thirds, wrists a half, sliders 8 % (these in m).
 _UNIT = {"finger": 1.0, "wrist": 0.5, "forearm": 0.5, "elbow": tip_unit("elbow")}
-_MIRRORED = ("forearm_tx", "forearm_roll")  # the left hand's move the other way
+_MIRRORED = ("along", "roll")  # the left hand's move the other way
 
 
 class ActionMap:
@@ -157,6 +156,7 @@ class HandActionMap:
 def hand_action_unit(scene: PianoScene) -> FloatArray:
     """Return what moves fingertips alike, (n,) rad, or m for sliders; negative in the mirror."""
     unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
-    mirrored = {part_name("left", name) for name in _MIRRORED}
-    unit[[scene.model.actuator(i).name in mirrored for i in range(len(unit))]] *= -1
+    for role in _MIRRORED if "left" in scene.sides else ():
+        of_role = np.flatnonzero(np.array(scene.actuator_role) == role)
+        unit[of_role[-1:]] *= -1  # the left hand's, which is the last one, if it has any
     return unit

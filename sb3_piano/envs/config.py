@@ -11,9 +11,9 @@ from annotated_types import Ge, Le
 
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, SELF_ACTUATED_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hands import DEFAULT_HAND, find_hand
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Listed, Number, TextOrPath, Unit, Whole, refuse_unknown, settings
-from sb3_piano.simulation.hand import DEFAULT_FOREARM_DOFS, ForearmDof, check_forearm_dofs
 from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.viewing import View
 
@@ -86,14 +86,17 @@ class PianoEnvConfig:
     hands: Hands = "both"
     """Hands whose notes are played; those of the other are left out. Where a score does not say
     which hand plays a note, one is found."""
+    hand: TextOrPath = DEFAULT_HAND
+    """Robot hand that plays, on both sides: a name, or the path of its folder (docs/hands.md)."""
     reduced_action_space: bool = True
-    """Leave out the joints LFJ5, THJ5 and THJ1 of both hands: 39 actions instead of 45; 20 instead
-    of 23 of one hand."""
-    forearm_dofs: Annotated[tuple[ForearmDof, ...], Listed] = DEFAULT_FOREARM_DOFS
-    """Joints of each forearm, in RoboPianist's order: sliders along the keyboard ("forearm_tx"),
-    towards the keys' hinges ("forearm_ty") and up ("forearm_tz"); turns about its own axis
-    ("forearm_roll"), up ("forearm_pitch") and to the side ("forearm_yaw"). The first one must be
-    there. Each is one more action and one more joint of each hand."""
+    """Leave out three joints of each Shadow hand, two of the thumb and one of the little finger's
+    metacarpal: 39 actions instead of 45; 20 instead of 23 of one hand."""
+    forearm_dofs: Annotated[tuple[str, ...], Listed] | None = None
+    """Joints of each forearm, in the hand's order; by default its sliders along the keyboard and
+    towards the keys' hinges. Those of the Shadow hand are RoboPianist's: these two, "forearm_tx"
+    and "forearm_ty"; "forearm_tz", up; turns about its own axis ("forearm_roll"), up
+    ("forearm_pitch") and to the side ("forearm_yaw"). The first one must be there; each further one
+    is one more action and one more observed number of each hand."""
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"
@@ -146,12 +149,13 @@ class PianoEnvConfig:
                 f"observation is {self.observation!r}, but no hand is in the scene: expected "
                 "'roll' or 'window'."
             )
-        check_forearm_dofs(self.forearm_dofs)
-        if self.observation == "hands" and self.forearm_dofs != DEFAULT_FOREARM_DOFS:
+        hand = find_hand(self.hand)  # raises if there is none
+        forearm_dofs = hand.forearm_dofs(self.forearm_dofs)
+        if self.observation == "hands" and forearm_dofs != hand.forearm_dofs():
             raise ConfigError(
-                f"observation is 'hands' and forearm_dofs {list(self.forearm_dofs)}: what a hand "
-                "sees there is laid out for forearms that only slide. Expected 'roll', 'window' or "
-                f"'fingers', or forearm_dofs={list(DEFAULT_FOREARM_DOFS)}."
+                f"observation is 'hands' and forearm_dofs {list(forearm_dofs)}: what a hand sees "
+                "there is laid out for forearms that only slide. Expected 'roll', 'window' or "
+                f"'fingers', or forearm_dofs={list(hand.forearm_dofs())}."
             )
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
 
@@ -164,8 +168,9 @@ class PianoEnvConfig:
     def simulation(self) -> str:
         """Options that decide how a state of the physics goes on."""
         physics, gravity = self.physics, self.gravity_compensation
-        step, dofs = self.control_timestep, self.forearm_dofs
-        forearms = "" if dofs == DEFAULT_FOREARM_DOFS else f", forearm_dofs {list(dofs)}"
+        step, hand = self.control_timestep, find_hand(self.hand)
+        dofs = hand.forearm_dofs(self.forearm_dofs)
+        forearms = "" if dofs == hand.forearm_dofs() else f", forearm_dofs {list(dofs)}"
         return (
             f"physics {physics!r}, gravity_compensation {gravity}, control_timestep {step:g}"
             f"{forearms}"

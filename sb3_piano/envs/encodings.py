@@ -23,7 +23,6 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_FINGERS, NUM_KEYS
 from sb3_piano.simulation import PianoScene, Simulation
-from sb3_piano.simulation.hand import DEFAULT_FOREARM_DOFS
 from sb3_piano.simulation.scene import kind_of
 
 GOAL_WIDTH = NUM_KEYS + 1
@@ -251,8 +250,8 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
     dofs = scene.options["forearm_dofs"]
     unit, forearm = "m for the last two", "the sliders along the keyboard and towards the hinges"
     forearm += " of the keys"
-    if dofs != DEFAULT_FOREARM_DOFS:
-        sliders = [name for name in dofs if kind_of(name) == "forearm"]
+    if dofs != scene.hand.forearm_dofs():
+        sliders = [name for name in dofs if kind_of(scene.hand.role(name)) == "forearm"]
         unit, forearm = f"m for {', '.join(sliders)}", ", ".join(dofs)
     return [
         ObservationBlock(

@@ -12,6 +12,7 @@ from sb3_piano.arrays import BoolArray
 from sb3_piano.envs import rewards
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.score_choice import fingered, part_of_hands
+from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.simulation import Simulation
@@ -100,7 +101,7 @@ def roll_of(score: Score, config: PianoEnvConfig) -> PianoRoll:
         config.control_timestep,
         initial_buffer_time=config.initial_buffer_time,
     )
-    return release_early(roll) if config.fingering == "robot" else roll
+    return release_early(roll, find_hand(config.hand)) if config.fingering == "robot" else roll
 
 
 def _step_goal(roll: PianoRoll, step: int) -> StepGoal:

@@ -13,7 +13,6 @@ from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
-from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
 from sb3_piano.reading.piece import HandReading, bounds_of
@@ -76,11 +75,11 @@ class HandEncoding(Encoding):
         self.sign = np.array([1.0, -1.0])[self._sides, None]  # (h, 1)
         self.mirror = np.array([[[1.0, 1.0, 1.0]], [[1.0, -1.0, 1.0]]])[self._sides]
         shown = self.hands[self._sides[0]]  # a hand that is not there may have other joints
-        slider = int(np.argmax(shown.joint_of_actuator[:, shown.index("forearm_tx")]))
+        slider = int(np.argmax(shown.joint_of_actuator[:, shown.along]))
         self.joint_sign = np.ones(self.qpos.shape)
         self.joint_sign[:, slider] = self.sign[:, 0]
         self.slider = slider
-        self.slope = float(shown.arm_slope[shown.index("forearm_tx")])
+        self.slope = float(shown.arm_slope[shown.along])
         self.nearest, self.lowest = _keys_by_place(self.places.y)
         self.black = np.pad(KEY_IS_BLACK.astype(np.float32), _MARGIN)
         self._state = np.zeros(NUM_KEYS + 2 * _MARGIN)
@@ -111,7 +110,7 @@ class HandEncoding(Encoding):
     def read(self, roll: PianoRoll) -> Reading:
         """Take a piece of which no hand plays the notes without finger; return what was read."""
         read = read_piece(roll, self.hands, self.places)
-        bounds = bounds_of(read.line, ARMS_APART)
+        bounds = bounds_of(read.line, self.hands[0].spec.forearm.apart)
         steps = len(roll)
         hands = [read.hands[side] for side in self._sides]
         presses = [_FingerPresses.of(hand, read.roll) for hand in hands]

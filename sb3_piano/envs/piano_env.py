@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.engine import mujoco
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import Encoding, FingerEncoding, RollEncoding
@@ -24,11 +25,11 @@ from sb3_piano.envs.score_choice import (
     part_of_hands,
 )
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
+from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation, compile_scene
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.keyboard import pedal_threshold
 from sb3_piano.viewing import PerformanceRenderer
 from sb3_piano.viewing.human_renderer import HumanRenderer
@@ -45,7 +46,7 @@ _WINDOW_MARGIN = 3
 
 
 class PianoEnv(gym.Env[Any, Any]):
-    """Two simulated Shadow hands, or one of them, play a score on a keyboard of 88 keys.
+    """Two simulated hands, or one of them, play a score on a keyboard of 88 keys.
 
     ## Action space
 
@@ -53,7 +54,8 @@ class PianoEnv(gym.Env[Any, Any]):
     positions of the right hand's actuators (wrist, thumb, index to little finger, then the sliders
     along the keyboard and towards its hinges), the left hand's, and the sustain pedal last. -1 and
     1 are the ends of each actuator's control range; the pedal is down from 0 on. Values outside are
-    clipped. A hand that is alone (``hands_in_scene="right"``) has 20 numbers, or 23.
+    clipped. A hand that is alone (``hands_in_scene="right"``) has 20 numbers, or 23. These are
+    Shadow hands; another ``hand`` has as many numbers as actuators.
 
     ## Observation space
 
@@ -151,7 +153,8 @@ class PianoEnv(gym.Env[Any, Any]):
         # at which a piece is played.
         fingering = self.config.fingering
         if fingering not in FINGERINGS:
-            own = apply_fingering(own, fingering)
+            robot = find_hand(self.config.hand)
+            own = apply_fingering(own, fingering, self.config.control_timestep, robot=robot)
         own = part_of_hands(own, self.config)
         self._default_score = fingered(
             own, self.config, "ergonomic" if fingering == "robot" else None
@@ -511,6 +514,7 @@ class PianoEnv(gym.Env[Any, Any]):
             physics=config.physics,
             moving_keys=(moving.first, moving.last),
             sides=config.sides,
+            hand=config.hand,
             forearm_dofs=config.forearm_dofs,
         ).copy()
         self.model = self.scene.model

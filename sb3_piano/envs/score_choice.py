@@ -12,6 +12,7 @@ import numpy as np
 
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, SB3PianoError, ScoreError, one_line
+from sb3_piano.hands import find_hand
 from sb3_piano.music import Score, find_piece, load_score
 from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering, without_fingers
@@ -90,7 +91,10 @@ def fingered(score: Score, config: PianoEnvConfig, fingering: str | None = None)
     if fingering == "optimal-transport" and not both:
         return without_fingers(score, keep_hands=True)
     # Equal scores may differ in their bars, which make no difference to the fingers.
-    notes = _fingered(score, fingering, config.control_timestep, change_hands=both).notes
+    robot = find_hand(config.hand)
+    notes = _fingered(
+        score, fingering, config.control_timestep, change_hands=both, robot=robot
+    ).notes
     return score if notes == score.notes else replace(score, notes=notes)
 
 

@@ -9,11 +9,11 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.engine import mujoco
 from sb3_piano.envs.episode_end import final_info
 from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.interop.scene import DM_CONTROL_NEEDED, import_dm_control
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.wrappers.piano import layout_of, piano_of
 
 try:

@@ -10,29 +10,26 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.music.constants import FINGERS_PER_HAND, MIDDLE, THUMB
+from sb3_piano.hands.kinematics import HandKinematics
+from sb3_piano.music.constants import MIDDLE, THUMB
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.planning.tracking_control import HandDynamics
 from sb3_piano.reading.keyboard import WHITE_X, KeyPlaces
-from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
 
-# Curled fingers, a thumb held out: where the search for the posture begins, rad.
-_CURLED = {"J3": 1.0, "J0": 1.0, "WRJ1": -0.08, "THJ4": 0.8}
-# Turns of the forearm that are not sought: elbows are out, and hands have room beside each other.
-_HELD = {"forearm_yaw": -0.1, "forearm_roll": 0.0, "forearm_pitch": 0.0, "forearm_tz": 0.0}
-_HEIGHT = 0.0187  # of the fingertips' centres over the keys' tops, m
+# What the search holds: elbows are out, so that hands have room beside each other; rad, or m.
+_HELD = {"yaw": -0.1, "roll": 0.0, "pitch": 0.0, "up": 0.0}
 _TRIALS = 2
 
 _PULL = 0.01  # weight of a finger's distance from the resting posture, per rad
-# How firmly the others are held, in multiples of that: the arm goes where it must.
-_FIRMNESS = {"WRJ1": 2.0, "WRJ2": 2.0, "forearm_tx": 0.01, "forearm_ty": 2.0}
-_FIRMNESS_ABDUCTION = 1.5
+# How firmly actuators are held, in multiples of that: the arm goes where it must.
+_FIRMNESS = {"along": 0.01, "across": 2.0, "wrist": 2.0, "abduction": 1.5, "finger": 1.0}
+_FIRMNESS |= {"up": 2.0, "roll": 2.0, "pitch": 2.0, "yaw": 2.0}
 
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """One hand, at rest over five neighbouring white keys."""
+    """One hand, at rest over neighbouring white keys."""
 
     kinematics: HandKinematics
     """Its fingertips."""
@@ -50,7 +47,7 @@ class Hand:
         """Find the posture of a hand (0 right, 1 left), fingertips over neighbouring white keys."""
         kinematics = HandKinematics(scene, side)
         rest = resting_posture(kinematics, keys)
-        pull = _PULL * np.array([_firmness(name) for name in kinematics.names])
+        pull = _PULL * np.array([_FIRMNESS[role] for role in kinematics.roles])
         dynamics = HandDynamics.of(scene, kinematics, rest, n_substeps)
         return cls(kinematics, keys, rest, pull, dynamics)
 
@@ -66,13 +63,16 @@ def resting_posture(kinematics: HandKinematics, keys: KeyPlaces) -> FloatArray:
 @functools.lru_cache(maxsize=16)
 def _sought(pickled_kinematics: bytes, top: float) -> FloatArray:
     kinematics: HandKinematics = pickle.loads(pickled_kinematics)
-    fingers = np.arange(FINGERS_PER_HAND) - MIDDLE
+    count, rest = len(kinematics.radius), kinematics.spec.rest
+    fingers = np.arange(count) - MIDDLE
     across = kinematics.middle + kinematics.sign * KEY_SPACING * fingers
-    along = np.full(FINGERS_PER_HAND, WHITE_X[1])
+    along = np.full(count, WHITE_X[1])
     along[THUMB] = WHITE_X[0]
-    target = np.stack([along, across, np.full(FINGERS_PER_HAND, top + _HEIGHT)], axis=1)
-    start = np.array([_start(name) for name in kinematics.names])
-    held = np.array([10.0 if name in _HELD else 0.01 for name in kinematics.names])
+    target = np.stack([along, across, np.full(count, top + rest.height)], axis=1)
+    start = np.array([rest.posture.get(name, 0.0) for name in kinematics.names])
+    is_held = np.isin(kinematics.roles, list(_HELD))
+    start[is_held] = [_HELD[role] for role in kinematics.roles if role in _HELD]
+    held = np.where(is_held, 10.0, 0.01)
     low, high = kinematics.low, kinematics.high
     rng = np.random.default_rng(0)
 
@@ -93,16 +93,3 @@ def _sought(pickled_kinematics: bytes, top: float) -> FloatArray:
     posture = np.asarray(best.x)
     posture.flags.writeable = False
     return posture
-
-
-def _start(name: str) -> float:
-    """Return where the search begins for an actuator, rad or m."""
-    if name in _HELD:
-        return _HELD[name]
-    ends = (end for end in _CURLED if name.endswith(end) and not (end == "J3" and name == "THJ3"))
-    return _CURLED.get(next(ends, ""), 0.0)
-
-
-def _firmness(name: str) -> float:
-    spreads = name.endswith("J4") and name != "THJ4"
-    return _FIRMNESS.get(name, _FIRMNESS_ABDUCTION if spreads else 1.0)

@@ -7,25 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
-from sb3_piano.music.constants import FINGERS_PER_HAND
+from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.reading.key_frames import KeyFrames
-from sb3_piano.reading.kinematics import HandKinematics
 
 _X, _Y, _Z = range(3)
-_TARGETS = slice(0, 3 * FINGERS_PER_HAND)
-_IDLE = slice(15, 20)
-_WALL = slice(20, 25)
-_SPACING = slice(25, 29)
-_ARMS = 29
-_N_RESIDUALS = 30
 
 # A black key's top is at a height of 0.035 m.
 _IDLE_HEIGHT, _IDLE_WEIGHT = 0.047, 5.0  # least height of fingertips that play nothing, m; per m
 _IDLE_X, _IDLE_X_HEIGHT = 0.030, 0.052  # nearer to the hinges than this, m, they are higher, m
 _WALL_X, _WALL_HEIGHT = 0.0235, 0.037  # the same of those that play, and their radius more
 _WALL_WEIGHT = 5.0  # of coming nearer, per m
-_SPACINGS = np.array([0.012, 0.016, 0.016, 0.016])  # least gaps of neighbours: no thumb passes; m
-_SPACING_WEIGHT = 3.0  # of falling short of these, per m
+_SPACING_WEIGHT = 3.0  # of falling short of the least gaps of neighbours, per m
 _ARMS_WEIGHT = 40.0  # of an arm beyond its bound, per m
 
 
@@ -33,9 +25,9 @@ _ARMS_WEIGHT = 40.0  # of an arm beyond its bound, per m
 class HandCost:
     """The sum of squared residuals of s states that say what is wrong with each of them.
 
-    They are, per state: the fingertips' distances from their targets (15); how far those that have
-    none hang down (5); how far fingertips are inside the row of black keys (5); how much
-    neighbouring fingers (4) and the two arms (1) are too near to each other.
+    They are, per state of a hand with f fingers: the fingertips' distances from their targets
+    (3 f); how far those that have none hang down (f); how far fingertips are inside the row of
+    black keys (f); how much neighbouring fingers (f - 1) and the two arms (1) are too near.
     """
 
     kinematics: HandKinematics
@@ -46,10 +38,15 @@ class HandCost:
 
     def __post_init__(self) -> None:
         self.sign = self.kinematics.sign
-        self.idle = ~self.frames.weight.any(axis=2)  # (s, 5)
+        self.idle = ~self.frames.weight.any(axis=2)  # (s, f)
+        self._gaps = np.array(self.kinematics.spec.reach.gaps)
+        f = len(self.kinematics.radius)
+        self._count = 6 * f
+        self._targets, self._idle = slice(3 * f), slice(3 * f, 4 * f)
+        self._wall, self._spacing = slice(4 * f, 5 * f), slice(5 * f, 6 * f - 1)
 
     def values(self, positions: FloatArray) -> FloatArray:
-        """Return the residuals of (s, n) actuator positions, (s, 30)."""
+        """Return the residuals of (s, n) actuator positions, (s, 6 f)."""
         return self._values(positions, self.kinematics.fingertips(positions))
 
     def bound_violation(self, positions: FloatArray) -> FloatArray:
@@ -67,47 +64,47 @@ class HandCost:
 
     def _values(self, positions: FloatArray, tips: FloatArray) -> FloatArray:
         frames = self.frames
-        values = np.empty((len(tips), _N_RESIDUALS))
-        values[:, _TARGETS] = (frames.weight * (tips - frames.target)).reshape(len(tips), -1)
+        values = np.empty((len(tips), self._count))
+        values[:, self._targets] = (frames.weight * (tips - frames.target)).reshape(len(tips), -1)
         hanging = np.maximum(_IDLE_HEIGHT - tips[..., _Z], 0)
-        values[:, _IDLE] = _IDLE_WEIGHT * hanging * self.idle
+        values[:, self._idle] = _IDLE_WEIGHT * hanging * self.idle
         too_near, too_low, forwards, upwards = self._inside_wall(tips)
-        values[:, _WALL] = _WALL_WEIGHT * (too_near * forwards + too_low * upwards)
-        values[:, _SPACING] = _SPACING_WEIGHT * self._too_close(tips)
-        values[:, _ARMS] = _ARMS_WEIGHT * self.bound_violation(positions)
+        values[:, self._wall] = _WALL_WEIGHT * (too_near * forwards + too_low * upwards)
+        values[:, self._spacing] = _SPACING_WEIGHT * self._too_close(tips)
+        values[:, -1] = _ARMS_WEIGHT * self.bound_violation(positions)
         return values
 
     def _slopes(
         self, positions: FloatArray, tips: FloatArray, jacobian: FloatArray, values: FloatArray
     ) -> FloatArray:
-        """Return the residuals' derivatives, (s, 30, n)."""
+        """Return the residuals' derivatives, (s, 6 f, n)."""
         count, size = len(tips), jacobian.shape[-1]
-        slopes = np.empty((count, _N_RESIDUALS, size))
+        slopes = np.empty((count, self._count, size))
         weighted = self.frames.weight[..., None] * jacobian
-        slopes[:, _TARGETS] = weighted.reshape(count, -1, size)
-        active = (values[:, _IDLE] > 0)[..., None]
-        slopes[:, _IDLE] = -_IDLE_WEIGHT * active * jacobian[:, :, _Z]
+        slopes[:, self._targets] = weighted.reshape(count, -1, size)
+        active = (values[:, self._idle] > 0)[..., None]
+        slopes[:, self._idle] = -_IDLE_WEIGHT * active * jacobian[:, :, _Z]
         _, _, forwards, upwards = self._inside_wall(tips)
-        slopes[:, _WALL] = -_WALL_WEIGHT * (
+        slopes[:, self._wall] = -_WALL_WEIGHT * (
             forwards[..., None] * jacobian[:, :, _X] + upwards[..., None] * jacobian[:, :, _Z]
         )
-        active = (values[:, _SPACING] > 0)[..., None]
+        active = (values[:, self._spacing] > 0)[..., None]
         apart = self.sign * np.diff(jacobian[:, :, _Y], axis=1)
-        slopes[:, _SPACING] = -_SPACING_WEIGHT * active * apart
-        active = (values[:, _ARMS] > 0)[:, None]
-        slopes[:, _ARMS] = -_ARMS_WEIGHT * self.sign * active * self.kinematics.arm_slopes(positions)
+        slopes[:, self._spacing] = -_SPACING_WEIGHT * active * apart
+        active = (values[:, -1] > 0)[:, None]
+        slopes[:, -1] = -_ARMS_WEIGHT * self.sign * active * self.kinematics.arm_slopes(positions)
         return slopes
 
     def _too_close(self, tips: FloatArray) -> FloatArray:
-        """Return how much neighbours are too close: thumb and index, then the fingers, (s, 4)."""
+        """Return how much neighbours are too close, from the thumb on, (s, f - 1)."""
         gaps = self.sign * np.diff(tips[..., _Y], axis=1)
-        return np.maximum(_SPACINGS - gaps, 0)
+        return np.maximum(self._gaps - gaps, 0)
 
     def _inside_wall(self, tips: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
         """Return how far fingertips are inside the row of black keys, and which way leads out.
 
         Returns:
-            Depths along x and z, (s, 5) m; and which fingers should go forwards or upwards.
+            Depths along x and z, (s, f) m; and which fingers should go forwards or upwards.
         """
         near = np.where(self.idle, _IDLE_X, _WALL_X)
         low = np.where(self.idle, _IDLE_X_HEIGHT, _WALL_HEIGHT + self.kinematics.radius)

@@ -99,9 +99,12 @@ def _planned(part: _Part) -> Talk[FloatArray, tuple[HandPlan, FloatArray]]:
     """
     task, settings, line = part.task, part.settings, part.line.copy()
     motion, hand = _Motion(task, settings), task.hand.kinematics.hand
+    apart = settings.arms_apart
+    if apart is None:
+        apart = task.hand.kinematics.spec.forearm.apart
     for start, stop, keep in part.stretches:
         here = line[start:stop]
-        bound = bounds_of(here, settings.arms_apart)[hand]
+        bound = bounds_of(here, apart)[hand]
         guess = _guess(task.hand, part.wanted[start:stop], bound)
         problem = motion.problem(start, stop, bound, guess)
         for turn in range(settings.rounds):
@@ -110,7 +113,7 @@ def _planned(part: _Part) -> Talk[FloatArray, tuple[HandPlan, FloatArray]]:
                 if len(beyond) > 1:
                     # Who is pressed harder against the line gets more room.
                     here = here - _GIVING_WAY * (beyond[0] - beyond[1])
-                    problem.rebound(bounds_of(here, settings.arms_apart)[hand])
+                    problem.rebound(bounds_of(here, apart)[hand])
             problem.improve(settings.iterations)
         line[start:keep] = here[: keep - start]
         motion.extend(problem, keep)
@@ -175,7 +178,7 @@ def _guess(hand: Hand, wanted: FloatArray, bound: FloatArray) -> FloatArray:
     kinematics = hand.kinematics
     guess = np.tile(hand.rest, (len(wanted), 1))
     place = kinematics.sign * np.maximum(kinematics.sign * wanted, kinematics.sign * bound)
-    guess[:, kinematics.index("forearm_tx")] = kinematics.slider_for_arm(place)
+    guess[:, kinematics.along] = kinematics.slider_for_arm(place)
     return guess
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from sb3_piano.arrays import BoolArray, FloatArray
+from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.reading.kinematics import HandKinematics
 
 _LONGEST_STEP = 0.4  # rad, or m
 _FIRST_DAMPING = 1e-2
@@ -28,7 +28,7 @@ _SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
 
 _VELOCITY = 0.002  # weight of a velocity, per rad or m and control step
 _JERK_FINGER = 0.02  # weight of a change of a velocity, per rad or m and squared control step
-_JERK = {"WRJ1": 0.04, "WRJ2": 0.04, "forearm_tx": 0.24, "forearm_ty": 0.4}
+_JERK = {"wrist": 0.04, "along": 0.24, "across": 0.4}  # the same by role
 
 
 class HandProblem:
@@ -146,7 +146,7 @@ class Smoothness:
     """
 
     def __init__(self, kinematics: HandKinematics, before: FloatArray, n_states: int):
-        jerk = [_JERK.get(name, _JERK_FINGER) for name in kinematics.names]
+        jerk = [_JERK.get(role, _JERK_FINGER) for role in kinematics.roles]
         self._second = np.array(jerk) ** 2
         self._first = np.full(kinematics.size, _VELOCITY**2)
         self._before = before

@@ -97,7 +97,7 @@ def plan(
     """
     settings = settings or PlanSettings()
     if isinstance(piece, Score):
-        score = apply_fingering(piece, "robot", control_timestep)
+        score = apply_fingering(piece, "robot", control_timestep, robot=scene.hand)
         piece = PianoRoll.from_score(score, control_timestep)
     piece = _of_hands(piece, scene)
     _check_fingers(piece)
@@ -138,8 +138,8 @@ class HandTasks(NamedTuple):
             both_hands(scene),
             keys,
             hover=settings.hover,
-            hold_depth=settings.hold_depth,
             arms_apart=settings.arms_apart,
+            hold_depth=settings.hold_depth,
             stretch=settings.stretch,
             hurry=settings.hurry,
         )

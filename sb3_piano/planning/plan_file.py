@@ -15,16 +15,16 @@ import numpy as np
 import sb3_piano
 from sb3_piano.array_files import read_arrays
 from sb3_piano.arrays import Arrays
+from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.files import write_atomically
+from sb3_piano.hands import DEFAULT_HAND, find_hand
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.hand_plan import HandPlan, HandTask
 from sb3_piano.planning.plan import HandTasks, Plan
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
-from sb3_piano.simulation.hand import DEFAULT_FOREARM_DOFS
 
 FORMAT = 1
 """Version of the files."""
@@ -154,10 +154,12 @@ def _check(header: Mapping[str, Any], roll: PianoRoll, scene: PianoScene) -> Non
             "what is played here. 'sb3-piano plan PIECE --refine MINUTES' makes one."
         )
     here = _described(scene)
-    there = {"forearm_dofs": list(DEFAULT_FOREARM_DOFS), **header["scene"]}  # older files have none
-    other = [n for n in here if there.get(n) != here[n]]
+    # Files of earlier versions do not name the hand, nor the joints of its forearms.
+    default = {"hand": DEFAULT_HAND, "forearm_dofs": list(find_hand().forearm_dofs())}
+    made = {**default, **header["scene"]}
+    other = [n for n in here if made.get(n) != here[n]]
     if other:
-        told = ", ".join(f"{n} {there.get(n)!r}, here {here[n]!r}" for n in other)
+        told = ", ".join(f"{n} {made.get(n)!r}, here {here[n]!r}" for n in other)
         raise _MisfitError(
             f"is for another scene ({told}): expected it in a scene as it was made for."
         )

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
+from sb3_piano.engine import mujoco
 from sb3_piano.planning.correction import Correction
 from sb3_piano.simulation import PianoScene, Simulation
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.threads import ThreadTeam, usable_cores
 
 

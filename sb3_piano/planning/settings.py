@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.reading.key_frames import HOVER
 from sb3_piano.settings import Count, Index, Number, Positive, Share, settings
 
@@ -40,8 +39,9 @@ class PlanSettings:
     hurry: Index = 0
     """Control steps that a leap takes less from the notes around it than the fingering expects.
     Most music is played worse then; refinement looks for the parts that are played better."""
-    arms_apart: Number = ARMS_APART
-    """Least distance of the two forearms, m; they touch at 0.15."""
+
+    arms_apart: Number | None = None
+    """Least distance of the two forearms, m; none is what the hand says."""
 
     rounds: Count = 8
     """Number of times that the line between the arms is moved."""

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from sb3_piano.arrays import FloatArray
+from sb3_piano.engine import mujoco
+from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 
 # Small weights that keep the problem well posed: what counts deviation from the first plan, speed,
 # and being outside the control range. The sliders' are those of metres, not of rad.
@@ -134,7 +134,7 @@ class TrackingControl:
         self._cost, self._dynamics, self._plan, self._start = cost, dynamics, plan, start
         self._drift = (forces + dynamics.weight) @ dynamics.force.T  # (t, 2 n)
         size = plan.shape[1]
-        arm = np.array([name.startswith("forearm") for name in cost.kinematics.names])
+        arm = np.isin(cost.kinematics.roles, ("along", "across"))
         self._faith = np.where(arm, _FAITH_ARM, _FAITH)
         self._speed = np.where(arm, _SPEED_ARM, _SPEED)
         self._effort = np.where(arm, _EFFORT_ARM, _EFFORT)

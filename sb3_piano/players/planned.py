@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.engine import mujoco
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
@@ -23,7 +24,6 @@ from sb3_piano.planning.tracker import Tracker
 from sb3_piano.players.policy import PianoPolicy
 from sb3_piano.reading.problems import summary
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv

@@ -7,7 +7,6 @@ optimised or simulated.
 """
 
 from sb3_piano.reading.keyboard import KeyPlaces
-from sb3_piano.reading.kinematics import both_hands
-from sb3_piano.reading.piece import Reading, read_piece
+from sb3_piano.reading.piece import Reading, both_hands, read_piece
 
 __all__ = ["KeyPlaces", "Reading", "both_hands", "read_piece"]

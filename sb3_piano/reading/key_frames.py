@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
-from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK
+from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering.robot import hand_place
 from sb3_piano.reading.keyboard import KeyPlaces, press_x
 from sb3_piano.reading.presses import TimedPress
@@ -47,17 +47,17 @@ _MIXED_STATES = 3
 
 @dataclass(frozen=True, eq=False)
 class KeyFrames:
-    """Targets of five fingertips over s states; state 0 is the start."""
+    """Targets of a hand's f fingertips over s states; state 0 is the start."""
 
     target: FloatArray
-    """(s, 5, 3) places, m."""
+    """(s, f, 3) places, m."""
     weight: FloatArray
-    """(s, 5, 3) how much they count, per m; 0 where a finger has nothing to do."""
+    """(s, f, 3) how much they count, per m; 0 where a finger has nothing to do."""
     on_black: BoolArray
-    """(s, 5) which fingers are about to press a black key, or do."""
+    """(s, f) which fingers are about to press a black key, or do."""
 
     to_black: BoolArray
-    """(s, 5) which fingers are on their way to one, or from it."""
+    """(s, f) which fingers are on their way to one, or from it."""
 
     def between(self, start: int, stop: int) -> KeyFrames:
         """Return those of some states."""
@@ -82,12 +82,12 @@ def key_frames(
         timed: The presses, in order of time.
         sign: 1 for the right hand, -1 for the left one.
         n_states: How many states there are.
-        radius: (5,) radius of the fingertips, m.
+        radius: (f,) radius of the fingertips, m.
         keys: The keyboard.
         hover: Height over a key of a finger that will soon play it, m.
         hold_depth: Depth of a key while it is down, a share of its travel.
     """
-    shape = (n_states, FINGERS_PER_HAND)
+    shape = (n_states, len(radius))
     frames = KeyFrames(
         target=np.zeros((*shape, 3)),
         weight=np.zeros((*shape, 3)),
@@ -101,7 +101,7 @@ def key_frames(
     for one, place in zip(timed, places, strict=True):
         for state in range(one.first, min(one.last + 1, n_states)):
             held[state].append((one.press.finger, place))
-    last = [0] * FINGERS_PER_HAND  # until when each finger holds its note before
+    last = [0] * len(radius)  # until when each finger holds its note before
     for one, place, mixed in zip(timed, places, _mixed(timed), strict=True):
         key, finger = one.press.key, one.press.finger
         start = max(last[finger] + 2, one.first - _HOVER_STATES, 0)

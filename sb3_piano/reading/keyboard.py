@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
+from sb3_piano.engine import mujoco
 from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 
 WHITE_X = (0.052, 0.042)
 """Place along white keys where thumbs and where fingers press, m."""

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
+from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIDDLE
-from sb3_piano.music.fingering.robot import ARMS_APART, KEY_SPACING, release_early
+from sb3_piano.music.fingering.robot import KEY_SPACING, release_early
 from sb3_piano.music.presses import presses_of_hand
 from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER, KeyFrames, key_frames
 from sb3_piano.reading.keyboard import KeyPlaces
-from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.reading.presses import TimedPress, time_presses
+from sb3_piano.simulation import PianoScene, compile_scene
+from sb3_piano.simulation.scene import SIDES
 
 # A hand counts as busy so many states before and after it plays.
 _BUSY_STATES = 6
@@ -49,6 +51,17 @@ class Reading:
     """(T + 1,) a first line between the arms, m."""
 
 
+def both_hands(scene: PianoScene) -> tuple[HandKinematics, HandKinematics]:
+    """Return the right and the left hand of a scene.
+
+    A hand that is not there is that of a scene with both: it is read as one that rests.
+    """
+    scenes = [
+        scene if name in scene.sides else compile_scene(hand=scene.hand.source) for name in SIDES
+    ]
+    return HandKinematics(scenes[0], 0), HandKinematics(scenes[1], 1)
+
+
 def read_piece(
     roll: PianoRoll,
     hands: tuple[HandKinematics, HandKinematics],
@@ -56,7 +69,7 @@ def read_piece(
     *,
     hover: float = HOVER,
     hold_depth: float = HOLD_DEPTH,
-    arms_apart: float = ARMS_APART,
+    arms_apart: float | None = None,
     stretch: float = 0.0,
     hurry: int = 0,
 ) -> Reading:
@@ -66,16 +79,18 @@ def read_piece(
     and distances are in m, a depth is a share of a key's travel, ``stretch`` and ``hurry`` are
     those of :func:`time_presses`.
     """
-    roll = release_early(roll)
+    robot = hands[0].spec
+    apart = robot.forearm.apart if arms_apart is None else arms_apart
+    roll = release_early(roll, robot)
     n_states = len(roll) + 1
     read = []
     for side, hand in enumerate(hands):
-        presses = time_presses(presses_of_hand(roll, side), hand.sign, stretch, hurry)
+        presses = time_presses(presses_of_hand(roll, side), hand.sign, stretch, hurry, robot)
         frames = key_frames(presses, hand.sign, n_states, hand.radius, keys, hover, hold_depth)
         place, busy = wanted_places(frames, hand.sign, hand.middle)
         read.append(HandReading(presses=presses, frames=frames, place=place, busy=busy))
     right, left = read
-    line = dividing_line((right.place, left.place), (right.busy, left.busy), arms_apart)
+    line = dividing_line((right.place, left.place), (right.busy, left.busy), apart)
     return Reading(roll=roll, hands=(right, left), line=line)
 
 
@@ -85,7 +100,7 @@ def wanted_places(frames: KeyFrames, sign: int, rest: float) -> tuple[FloatArray
     Returns:
         (s,) places of the middle finger, m; (s,) whether the hand is busy.
     """
-    weight = frames.weight[..., 1]  # (s, 5)
+    weight = frames.weight[..., 1]  # (s, f)
     asked: BoolArray = np.asarray(weight.any(axis=1))
     if not asked.any():
         return np.full(len(asked), rest), asked

@@ -6,6 +6,7 @@ import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from sb3_piano.hands import HandSpec, find_hand
 from sb3_piano.music.fingering.robot import (
     LEAP_REST,
     hand_place,
@@ -35,7 +36,11 @@ class TimedPress:
 
 
 def time_presses(
-    presses: Sequence[Press], sign: int, stretch: float = 0.0, hurry: int = 0
+    presses: Sequence[Press],
+    sign: int,
+    stretch: float = 0.0,
+    hurry: int = 0,
+    robot: HandSpec | None = None,
 ) -> tuple[TimedPress, ...]:
     """Return the presses of a hand, shortened around its leaps.
 
@@ -52,7 +57,9 @@ def time_presses(
         stretch: Share of what two fingers can spread within which the hand does not have to leap:
             where all that is struck at a time is so near to what came before, nothing is lost.
         hurry: Control steps by which leaps cost less than :func:`lost_to_leap` says.
+        robot: The hand, by default the default one.
     """
+    robot = robot or find_hand()
     timed = [TimedPress(press, press.first, press.last) for press in presses]
     places = [hand_place(press.key, press.finger, sign) for press in presses]
     leaps: list[tuple[int, int, float]] = []
@@ -68,7 +75,7 @@ def time_presses(
     moving = {
         presses[later].first
         for later, earlier, _ in leaps
-        if not within_stretch(presses[earlier], presses[later], sign, stretch)
+        if not within_stretch(presses[earlier], presses[later], sign, stretch, robot)
     }
     for later, earlier, distance in leaps:
         before, after = presses[earlier], presses[later]

@@ -10,11 +10,13 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from sb3_piano.arrays import FloatArray, IntArray
+from sb3_piano.engine import mujoco
+from sb3_piano.hands import DEFAULT_HAND, HandSpec, find_hand
+from sb3_piano.hands.model import build_hand
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.music.hands import Hand
 from sb3_piano.settings import Whole, checked
-from sb3_piano.simulation import hand, keyboard
-from sb3_piano.simulation.engine import mujoco
+from sb3_piano.simulation import keyboard
 from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.simulation.scene import SIDES, PianoScene
 from sb3_piano.simulation.tables import load_table
@@ -36,23 +38,25 @@ def compile_scene(
     physics: str = "reference",
     moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
     sides: tuple[Hand, ...] = SIDES,
-    forearm_dofs: tuple[str, ...] = hand.DEFAULT_FOREARM_DOFS,
+    hand: str = DEFAULT_HAND,
+    forearm_dofs: tuple[str, ...] | None = None,
 ) -> PianoScene:
     """Build and compile the scene; equal arguments return the same object (``copy`` it to change).
 
     Args:
-        reduced_action_space: As in RoboPianist: without the joints LFJ5, THJ5 and THJ1.
+        reduced_action_space: Without the joints that the hand can do without, as in RoboPianist.
         gravity_compensation: Let forces balance the weight of the hands.
         physics: Name of a physics profile.
         moving_keys: The lowest and the highest key that move. The others are rigid: hands rest on
             them, but they never go down. The fewer move, the faster are the physics steps.
         sides: Hands that are there, the right one first. Where there is none, each key has an
             actuator.
-        forearm_dofs: Joints of each forearm, some of
-            :data:`~sb3_piano.simulation.hand.FOREARM_DOFS` in their order.
+        hand: Name of a hand, or the path of its folder.
+        forearm_dofs: Joints of each forearm; by default its sliders along and across the keyboard.
 
     Raises:
-        ConfigError: If the physics profile is unknown, or there are no such keys or joints.
+        ConfigError: If the physics profile or the hand is unknown, or there are no such keys or
+            joints.
     """
     options: dict[str, Any] = {
         "reduced_action_space": reduced_action_space,
@@ -60,7 +64,8 @@ def compile_scene(
         "physics": physics,
         "moving_keys": moving_keys,
         "sides": sides,
-        "forearm_dofs": forearm_dofs,
+        "hand": find_hand(hand).source,
+        "forearm_dofs": find_hand(hand).forearm_dofs(forearm_dofs),
     }
     return assemble_scene(scene_parts(**options), options)
 
@@ -72,7 +77,8 @@ def assemble_scene(parts: Sequence[mujoco.MjSpec], options: Mapping[str, Any]) -
         parts: Those of :func:`scene_parts`, or with more geoms in them.
         options: The arguments of :func:`scene_parts`.
     """
-    return _index_scene(attach_parts(parts).compile(), options)
+    prefixes = [f"{part.modelname}/" for part in parts[2:]]
+    return _index_scene(attach_parts(parts).compile(), prefixes, options)
 
 
 def attach_parts(parts: Sequence[mujoco.MjSpec]) -> mujoco.MjSpec:
@@ -94,7 +100,8 @@ def scene_parts(
     physics: str = "reference",
     moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
     sides: tuple[Hand, ...] = SIDES,
-    forearm_dofs: tuple[str, ...] = hand.DEFAULT_FOREARM_DOFS,
+    hand: str = DEFAULT_HAND,
+    forearm_dofs: tuple[str, ...] | None = None,
 ) -> list[mujoco.MjSpec]:
     """Return the specifications of the scene: the world, then the keyboard, then the hands.
 
@@ -102,7 +109,6 @@ def scene_parts(
     to a body of its own, with its name and a slash before all names.
     """
     _check_moving_keys(*moving_keys)
-    hand.check_forearm_dofs(forearm_dofs)
     profile = physics_profile(physics)
     world = mujoco.MjSpec()
     world.modelname = "scene"
@@ -122,11 +128,12 @@ def scene_parts(
         driven=not sides,
     )
     hands = [
-        hand.build_hand(
+        build_hand(
+            find_hand(hand),
             side,
             reduced_action_space=reduced_action_space,
             gravity_compensation=gravity_compensation and not weightless,
-            forearm_dofs=forearm_dofs,
+            forearm_dofs=find_hand(hand).forearm_dofs(forearm_dofs),
             coupled_friction_only=profile.coupled_friction_only,
             playing_contacts_only=profile.playing_contacts_only,
             capsule_forearm=profile.capsule_forearms,
@@ -184,7 +191,10 @@ def _furnish(spec: mujoco.MjSpec) -> None:
     world.add_camera(name="topdown", pos=[0.05, 0, 1.15], xyaxes=[0, 1, 0, -1, 0, 0], fovy=40)
 
 
-def _index_scene(model: mujoco.MjModel, options: Mapping[str, Any]) -> PianoScene:
+def _index_scene(
+    model: mujoco.MjModel, prefixes: Sequence[str], options: Mapping[str, Any]
+) -> PianoScene:
+    """Look up all names once; prefixes are those of the hands' names."""
     (first, last), sides = options["moving_keys"], options["sides"]
     moving, table = slice(first, last + 1), load_table("keyboard")
     colors = [key["color"] for key in table["keys"]]
@@ -198,11 +208,14 @@ def _index_scene(model: mujoco.MjModel, options: Mapping[str, Any]) -> PianoScen
     press_offset = np.zeros((NUM_KEYS, 3))
     press_offset[:, 0] = _PRESS_POINT_X * model.geom_size[key_geom, 0]
     press_offset[:, 2] = _PRESS_POINT_Z * model.geom_size[key_geom, 2]
-    hand_joints = tuple(_hand_joints(model, side) for side in sides)
-    sliders = [model.joint(hand.part_name(side, hand.ALONG)).id for side in sides]
-    forearms = [model.body(hand.body_name(side, "forearm")).id for side in sides]
-    tips = [model.body(hand.body_name(s, link)).id for s in sides for link in hand.FINGERTIPS]
+    hand = find_hand(options["hand"])
+    bodies = [_of_hand(model, "body", prefix, hand) for prefix in prefixes]
+    tips = [body[link] for body in bodies for link in hand.tips]
+    forearms = [body[hand.forearm.body] for body in bodies]
     forearm_geoms = [np.flatnonzero(model.geom_bodyid == body).tolist() for body in forearms]
+    of_hands = [_of_hand(model, "joint", prefix, hand) for prefix in prefixes]
+    hand_joints = tuple(_forearm_last(joints, hand) for joints in of_hands)
+    sliders = [joints[hand.forearm.joints["along"]] for joints in of_hands]
     return PianoScene(
         model=model,
         sides=sides,
@@ -222,6 +235,7 @@ def _index_scene(model: mujoco.MjModel, options: Mapping[str, Any]) -> PianoScen
         forearm_geoms=tuple(forearm_geoms),
         forearm_reach=_forearm_reach(model, forearm_geoms) if len(sides) > 1 else 0.0,
         slider_qpos=model.jnt_qposadr[sliders].astype(np.intp),
+        hand=hand,
         options=options,
     )
 
@@ -239,12 +253,18 @@ def _boxes_of_pressed_keys(
     )
 
 
-def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:
-    """Return a hand's joints in the order of RoboPianist's observation: the forearm's last."""
-    prefix = hand.part_name(side, "")
-    joints = [j for j in range(model.njnt) if model.joint(j).name.startswith(prefix)]
-    forearm = [j for j in joints if model.joint(j).name.startswith(f"{prefix}forearm_")]
-    return np.array([j for j in joints if j not in forearm] + forearm)
+def _of_hand(model: mujoco.MjModel, kind: str, prefix: str, hand: HandSpec) -> dict[str, int]:
+    """Return the bodies or the joints of a hand by their short names, in the model's order."""
+    count = model.nbody if kind == "body" else model.njnt
+    names = (getattr(model, kind)(index).name for index in range(count))
+    return {hand.short(n): index for index, n in enumerate(names) if n.startswith(prefix)}
+
+
+def _forearm_last(joints: Mapping[str, int], hand: HandSpec) -> IntArray:
+    """Return a hand's joints in the order of RoboPianist's observation."""
+    forearm = [name for name in hand.forearm.joints.values() if name in joints]
+    others = [joint for name, joint in joints.items() if name not in forearm]
+    return np.array([*others, *(joints[name] for name in forearm)])
 
 
 def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> FloatArray:

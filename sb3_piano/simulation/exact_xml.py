@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sb3_piano.simulation.engine import mujoco
+from sb3_piano.engine import mujoco
 
 # What MJCF calls otherwise than MuJoCo's specification does.
 _INERTIAL = {"pos": "ipos", "quat": "iquat", "diaginertia": "inertia"}

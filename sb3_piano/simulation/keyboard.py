@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from sb3_piano.engine import mujoco
 from sb3_piano.music.constants import NUM_KEYS
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.tables import load_table
 
 KEY_COLORS = {"white": (0.92, 0.92, 0.9, 1.0), "black": (0.12, 0.12, 0.13, 1.0)}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.simulation.engine import mujoco
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,9 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
+from sb3_piano.engine import mujoco
+from sb3_piano.hands import HandSpec
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.music.hands import HANDS, Hand, fingers_of
-from sb3_piano.simulation.engine import mujoco
 
 SIDES = HANDS
 """The hands in their order."""
@@ -77,6 +78,8 @@ class PianoScene:
     """Shapes of each forearm."""
     forearm_reach: float
     """Forearms cannot touch while their first shapes are farther apart along the keyboard, m."""
+    hand: HandSpec
+    """The hand, and the roles of its parts."""
     slider_qpos: IntArray
     """(h,) addresses in ``qpos`` of the sliders along the keyboard."""
     options: Mapping[str, Any]
@@ -95,7 +98,8 @@ class PianoScene:
     @functools.cached_property
     def fingers(self) -> IntArray:
         """(5 h,) labels of the fingers that are there, ascending."""
-        fingers = [finger for side in self.sides for finger in fingers_of(side)]
+        count = len(self.hand.fingers)
+        fingers = [finger for side in self.sides for finger in fingers_of(side)[:count]]
         return np.array(fingers, dtype=np.intp)
 
     @functools.cached_property
@@ -120,9 +124,21 @@ class PianoScene:
 
     @functools.cached_property
     def actuator_kind(self) -> npt.NDArray[np.str_]:
-        """(nu,) what each actuator moves: ``"finger"``, ``"wrist"``, ``"forearm"`` (a slider) or
-        ``"elbow"`` (a hinge of the forearm)."""
-        return np.array([kind_of(self.model.actuator(index).name) for index in range(self.model.nu)])
+        """(nu,) what each actuator moves.
+
+        It is a ``"finger"``, a ``"wrist"``, a ``"forearm"`` (by a slider) or an ``"elbow"`` (by a
+        hinge of the forearm).
+        """
+        return np.array([kind_of(role) for role in self.actuator_role])
+
+    @functools.cached_property
+    def actuator_role(self) -> tuple[str, ...]:
+        """What each actuator is for: the role of the first joint that it drives."""
+        names = [name for names in self.joint_names for name in names]
+        if not names:  # keys
+            return ("finger",) * self.model.nu
+        first = (self.actuator_of_joint != 0).argmax(axis=1).tolist()
+        return tuple(self.hand.role(self.hand.short(names[joint])) for joint in first)
 
     def actuator_positions(self, joints: npt.NDArray[np.floating]) -> FloatArray:
         """Return where the actuators are, (nu,) rad or m; joints are as in ``hand_qpos``."""
@@ -198,11 +214,13 @@ class PianoScene:
         return dataclasses.replace(self, model=copy.copy(self.model))
 
 
-def kind_of(name: str) -> str:
-    """Return what the joint or the actuator of a name moves, as ``PianoScene.actuator_kind`` does."""
-    if "forearm_t" in name:
-        return "forearm"
-    return "elbow" if "forearm" in name else "wrist" if "WRJ" in name else "finger"
+_KINDS = {"along": "forearm", "across": "forearm", "up": "forearm", "wrist": "wrist"}
+_KINDS |= dict.fromkeys(("roll", "pitch", "yaw"), "elbow")
+
+
+def kind_of(role: str) -> str:
+    """Return what a joint of a role moves, as ``PianoScene.actuator_kind`` has it."""
+    return _KINDS.get(role, "finger")
 
 
 def tip_unit(kind: str) -> float:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
+from sb3_piano.engine import mujoco
 from sb3_piano.music.constants import NUM_FINGERS
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.scene import PianoScene
 
 # Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import RenderingError, one_line
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.viewing.moment import Color
 from sb3_piano.viewing.note_bars import Bar

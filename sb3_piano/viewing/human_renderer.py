@@ -10,10 +10,10 @@ import time
 import warnings
 from typing import Any
 
+from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import RenderingError
 from sb3_piano.music import PianoRoll
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.frame_renderer import add_bars
 from sb3_piano.viewing.moment import Moment, geom_colors
 from sb3_piano.viewing.note_bars import NoteBars

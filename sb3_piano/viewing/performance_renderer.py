@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import FloatArray
+from sb3_piano.engine import mujoco
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.catalogue import shown_title
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.caption import write_caption
 from sb3_piano.viewing.frame_renderer import FrameRenderer
 from sb3_piano.viewing.moment import Moment, geom_colors

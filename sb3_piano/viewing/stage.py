@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from sb3_piano.engine import mujoco
 from sb3_piano.music.hands import Hand
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.compiling import assemble_scene, scene_parts
-from sb3_piano.simulation.engine import mujoco
 
 _Vector = tuple[float, float, float]
 _Ball = tuple[_Vector, float | _Vector]

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from sb3_piano.engine import mujoco
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.stage import staged
 
 _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)

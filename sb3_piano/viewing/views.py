@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Le, MultipleOf
 
+from sb3_piano.engine import mujoco
 from sb3_piano.settings import Unit, Whole, settings
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.note_bars import Stretch
 from sb3_piano.viewing.stage import FIELD_OF_VIEW
 

@@ -10,11 +10,11 @@ from short_scores import score_of
 from sb3_piano.envs import PianoEnv
 from sb3_piano.envs.hand_encoding import FRAMES_AHEAD, LINE_AHEAD, PLACES_AHEAD
 from sb3_piano.exceptions import PlanWarning
+from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.music import Note, Score
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.reading import KeyPlaces, read_piece
-from sb3_piano.reading.kinematics import HandKinematics
 
 # The right thumb plays C4 twice, with E4 in between by the middle finger, and goes far up; the left
 # index finger holds a black key. Steps are 0.05 s, after ten of silence.

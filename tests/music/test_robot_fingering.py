@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from short_scores import score_of
 from yaml_rows import Tables
 
+from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
 from sb3_piano.music.fingering import apply_fingering, robot
@@ -53,7 +54,7 @@ def notes(*given_notes, sign=1):
 
 def every_way(presses, sign):
     """Yield every way to finger a piece, with its cost."""
-    model, path, tables = _Robot(sign, CHANGE_FINGER), [], []
+    model, path, tables = _Robot(sign, CHANGE_FINGER, find_hand()), [], []
     for _, struck in groupby(presses, key=lambda press: press.first):
         chord = list(struck)
         held, _ = model.held(path[-1].down if path else [], chord)
@@ -129,7 +130,7 @@ def test_fewer_leaps_are_worth_a_change():
 
 def gone_of(presses, sign=1):
     """Return what is let go, as (finger, last state) of each."""
-    return {(one.finger % 5, one.release) for one in _early_releases(presses, sign)}
+    return {(one.finger % 5, one.release) for one in _early_releases(presses, sign, find_hand())}
 
 
 @BOTH_HANDS

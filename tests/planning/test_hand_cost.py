@@ -5,7 +5,6 @@ import pytest
 from hand_parts import SETTINGS, hand_of, keys_of, random_positions, rest_of, scene_of
 
 from sb3_piano.music.presses import Press
-from sb3_piano.planning import hand_cost
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.reading.key_frames import key_frames
 from sb3_piano.reading.presses import TimedPress
@@ -13,12 +12,12 @@ from sb3_piano.reading.presses import TimedPress
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
 FAR = 10.0  # m
 C4 = 39
-KINDS = {
-    "targets": hand_cost._TARGETS,
-    "idle": hand_cost._IDLE,
-    "wall": hand_cost._WALL,
-    "spacing": hand_cost._SPACING,
-    "arms": hand_cost._ARMS,
+KINDS = {  # of a hand with five fingers
+    "targets": slice(15),
+    "idle": slice(15, 20),
+    "wall": slice(20, 25),
+    "spacing": slice(25, 29),
+    "arms": 29,
 }
 
 

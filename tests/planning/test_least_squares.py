@@ -48,8 +48,8 @@ def unconcerned(monkeypatch):
         monkeypatch.setattr(hand_cost, name, 0.0)
 
 
-def jerk_of(name):
-    return least_squares._JERK.get(name, least_squares._JERK_FINGER)
+def jerk_of(role):
+    return least_squares._JERK.get(role, least_squares._JERK_FINGER)
 
 
 def some_presses(hand):
@@ -118,11 +118,11 @@ def dense_solution(parts):
     whole = np.eye(N_STATES + 2)
     pull = parts.hand.pull
     columns = []
-    for actuator, name in enumerate(parts.kinematics.names):
+    for actuator, role in enumerate(parts.kinematics.roles):
         rows = np.concatenate(
             [
                 least_squares._VELOCITY * np.diff(whole, axis=0)[1:, 2:],
-                jerk_of(name) * np.diff(whole, n=2, axis=0)[:, 2:],
+                jerk_of(role) * np.diff(whole, n=2, axis=0)[:, 2:],
                 pull[actuator] * np.eye(N_STATES),
             ]
         )

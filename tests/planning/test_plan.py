@@ -19,6 +19,7 @@ from short_pieces import (
 from short_scores import score_of
 
 from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.fingering import without_fingers
 from sb3_piano.planning import PlanSettings, plan
@@ -160,7 +161,7 @@ def test_an_arm_without_notes_makes_room_for_one_that_plays_on_its_side():
         hand_of(scene, hand).arm(made.positions[:, hand * half :][:, :half]) for hand in (0, 1)
     )
     assert left[-1] < left[0] - 0.05
-    assert (right - left).min() > 0.9 * QUICK.arms_apart
+    assert (right - left).min() > 0.9 * find_hand().forearm.apart
     assert pressed_tips(made, scene)[:, 1].max() < NEARLY
 
 

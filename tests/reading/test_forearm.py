@@ -1,11 +1,12 @@
 """How near forearms that turn come to each other: against MuJoCo's shapes and contacts."""
 
-import mujoco
 import numpy as np
 import pytest
 from hand_parts import data_at, hand_of, random_positions, scene_of
 
-from sb3_piano.simulation.hand import FOREARM_DOFS
+from sb3_piano.hands import find_hand
+
+FOREARM_DOFS = tuple(find_hand().forearm.joints.values())
 
 TURNING = ("forearm_tx", "forearm_ty", "forearm_yaw")
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from hand_parts import data_at, hand_of, joints_by_name, random_positions, scene_of
 
-from sb3_piano.simulation.hand import FOREARM_DOFS
+from sb3_piano.hands import find_hand
+
+FOREARM_DOFS = tuple(find_hand().forearm.joints.values())
 
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
 SCENES = pytest.mark.parametrize(

@@ -27,7 +27,7 @@ def reading_facts(scene: PianoScene) -> dict[str, Any]:
         )
     keys, hands = KeyPlaces.of(scene), both_hands(scene)
     right = hands[0]
-    along = right.index("forearm_tx")
+    along = right.along
     return {
         "keys": {
             "y": keys.y.tolist(),

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.hands import HandSpec, find_hand
+from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
 from sb3_piano.music.fingering.ergonomic import finger_hand
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.music.fingering.robot import robot_fingers
@@ -29,6 +30,7 @@ def apply_fingering(
     control_timestep: float = DEFAULT_TIMESTEP,
     *,
     change_hands: bool = True,
+    robot: HandSpec | None = None,
 ) -> Score:
     """Return the score with fingers chosen in one of several ways.
 
@@ -41,24 +43,32 @@ def apply_fingering(
             Or the path of a file whose labels are put on the notes.
         control_timestep: Length of a control step for which the robot's fingers are chosen, s.
         change_hands: Whether ``"robot"`` changes hands that are known.
+        robot: The simulated hands, by default the default ones. Where a note has a finger that they
+            lack, all get fingers that suit them.
 
     Raises:
         ConfigError: If there is no such way, or no such file.
         ScoreError: If the file's labels do not fit the score.
     """
-    if fingering == "keep":
-        return score
+    robot = robot or find_hand()
     if fingering == "optimal-transport":
         return without_fingers(score, keep_hands=False)
     if fingering not in FINGERINGS:
-        return read_labels(labels_file(fingering), score)
+        score = read_labels(labels_file(fingering), score)
     if fingering == "robot" and change_hands:
-        score = robot_hands(score, control_timestep)
-    if any(note.finger == UNKNOWN_FINGER for note in score.notes):
+        score = robot_hands(score, control_timestep, robot)
+    unknown = any(note.finger == UNKNOWN_FINGER for note in score.notes)
+    if fingering in ("ergonomic", "robot") and unknown:
         score = finger_score(score)
-    if fingering == "robot":
-        score = robot_fingers(score, control_timestep)
+    if fingering == "robot" or _lacks_fingers(score, robot):
+        score = robot_fingers(score, control_timestep, robot)
     return score
+
+
+def _lacks_fingers(score: Score, robot: HandSpec) -> bool:
+    """Return whether a note has a finger that the hands do not have."""
+    known = (note.finger for note in score.notes if note.finger != UNKNOWN_FINGER)
+    return any(finger % FINGERS_PER_HAND >= len(robot.fingers) for finger in known)
 
 
 def finger_score(score: Score) -> Score:

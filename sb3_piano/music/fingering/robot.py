@@ -22,7 +22,8 @@ from itertools import combinations, groupby, product
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.arrays import FloatArray
+from sb3_piano.arrays import BoolArray, FloatArray
+from sb3_piano.hands import HandSpec, find_hand
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIDDLE, THUMB, UNKNOWN_FINGER
 from sb3_piano.music.fingering.search import Onset, States, Table, search
 from sb3_piano.music.presses import Press, presses_of_hand
@@ -38,9 +39,6 @@ KEY_Y = np.round(np.where(KEY_IS_BLACK, _BLACK_Y, _WHITE_Y), 5)
 
 KEY_SPACING = float(np.median(np.diff(KEY_Y[~KEY_IS_BLACK])))
 """Distance of neighbouring white keys, m."""
-
-ARMS_APART = 0.16
-"""Least distance of the two forearms, m; they touch at 0.15."""
 
 CHANGE_FINGER = 0.5
 """Cost of a finger that is not the written one, in control steps of sound."""
@@ -63,30 +61,6 @@ LEAP_MORE = (0.09, 0.12, 0.2, 0.25)
 LEAP_REST = 12
 """Control steps of rest after which there is time enough for any leap."""
 
-# How far apart two fingertips can press white keys, by inverse kinematics of the hand, less a
-# margin for other keys and fingers; m. Rows and columns are fingers, from thumb to little finger.
-# Without the margin, and by the keys' colours, most pairs reach 10 to 70 mm farther, but such grips
-# are played worse: where fingers change, the planned pianist's F1 falls from 0.816 to 0.799.
-_NEAREST = np.array(
-    [
-        [0.0, 0.000, 0.010, 0.020, 0.030],
-        [0.0, 0.000, 0.012, 0.028, 0.040],
-        [0.0, 0.000, 0.000, 0.012, 0.025],
-        [0.0, 0.000, 0.000, 0.000, 0.012],
-        [0.0, 0.000, 0.000, 0.000, 0.000],
-    ]
-)
-_FARTHEST = np.array(
-    [
-        [0.0, 0.074, 0.096, 0.140, 0.180],
-        [0.0, 0.000, 0.060, 0.098, 0.102],
-        [0.0, 0.000, 0.000, 0.070, 0.078],
-        [0.0, 0.000, 0.000, 0.000, 0.066],
-        [0.0, 0.000, 0.000, 0.000, 0.000],
-    ]
-)
-_IN_ORDER = np.triu(np.ones((FINGERS_PER_HAND, FINGERS_PER_HAND), dtype=bool), 1)
-
 # So far out of reach, m, fingers end up between the keys. Of 18 such grips of two white keys, held
 # for a second, each came out at a higher F1 with one of them alone (0.79, not 0.26 to 0.77).
 _MAX_OVERREACH = 0.018
@@ -95,15 +69,17 @@ _HANDS = ((0, 1), (1, -1))
 """Number and sign of each hand: 1 for the right one, whose thumb is on the left."""
 
 
-def robot_fingers(score: Score, control_timestep: float) -> Score:
+def robot_fingers(score: Score, control_timestep: float, robot: HandSpec | None = None) -> Score:
     """Return a score with the fingers that suit the simulated hands best.
 
     Each note stays with its hand, which :func:`~sb3_piano.music.fingering.robot_hands.robot_hands`
-    chooses before. Notes without a finger stay without.
+    chooses before. Notes without a finger stay without. ``robot`` are the hands; by default the
+    default ones.
     """
+    robot = robot or find_hand()
     trimmed = score.trim_silence()
     roll = PianoRoll.from_score(trimmed, control_timestep)
-    found = [_fit(presses_of_hand(roll, hand), sign) for hand, sign in _HANDS]
+    found = [_fit(presses_of_hand(roll, hand), sign, robot) for hand, sign in _HANDS]
     starts = floor_steps([note.onset for note in trimmed.notes], control_timestep).tolist()
     notes = []
     for note, start in zip(score.notes, starts, strict=True):
@@ -117,14 +93,16 @@ def robot_fingers(score: Score, control_timestep: float) -> Score:
     return dataclasses.replace(score, notes=tuple(notes))
 
 
-def release_early(roll: PianoRoll) -> PianoRoll:
+def release_early(roll: PianoRoll, robot: HandSpec | None = None) -> PianoRoll:
     """Return a roll in which no hand holds what its fingers cannot hold together.
 
-    A note has no finger label from where on its hand releases it to play another.
+    A note has no finger label from where on its hand releases it to play another. ``robot`` are the
+    hands; by default the default ones.
     """
+    robot = robot or find_hand()
     label, releases = roll.finger.copy(), list(roll.early_releases)
     for hand, sign in _HANDS:
-        for one in _early_releases(presses_of_hand(roll, hand), sign):
+        for one in _early_releases(presses_of_hand(roll, hand), sign, robot):
             label[one.release : one.offset, one.key] = UNKNOWN_FINGER
             releases.append(one)
     return dataclasses.replace(roll, finger=label, early_releases=tuple(releases))
@@ -146,13 +124,13 @@ def is_leap(distance: float, same_finger: bool) -> bool:
     return same_finger or distance > LEAP_DISTANCE
 
 
-def within_stretch(one: Press, other: Press, sign: int, stretch: float) -> bool:
+def within_stretch(one: Press, other: Press, sign: int, stretch: float, robot: HandSpec) -> bool:
     """Return whether two fingers reach their keys with a share of what they can spread."""
     low, high = sorted((one, other), key=lambda press: _across(press, sign))
     if low.finger >= high.finger:
         return False
     apart, fingers = _across(high, sign) - _across(low, sign), (low.finger, high.finger)
-    return bool(_NEAREST[fingers] <= apart <= stretch * _FARTHEST[fingers])
+    return bool(robot.nearest[fingers] <= apart <= stretch * robot.farthest[fingers])
 
 
 def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
@@ -174,15 +152,16 @@ def leap_steps(distance: npt.ArrayLike, rest: npt.ArrayLike) -> FloatArray:
     return np.asarray(np.maximum(steps, 0.0))
 
 
-def _fit(presses: list[Press], sign: int) -> dict[tuple[int, int], int]:
+def _fit(presses: list[Press], sign: int, robot: HandSpec) -> dict[tuple[int, int], int]:
     """Return the fingers of what a hand can hold, by key and first state.
 
     Fingers are chosen anew for what is left, until all of it can be held.
     """
     while True:
-        fingers = zip(presses, choose(presses, sign), strict=True)
+        fingers = zip(presses, choose(presses, sign, robot=robot), strict=True)
         chosen = [dataclasses.replace(press, finger=finger) for press, finger in fingers]
-        ends = {(one.key, one.onset + 1): one.release for one in _early_releases(chosen, sign)}
+        releases = _early_releases(chosen, sign, robot)
+        ends = {(one.key, one.onset + 1): one.release for one in releases}
         if not ends:
             return {(press.key, press.first): press.finger for press in chosen}
         presses = [
@@ -192,13 +171,20 @@ def _fit(presses: list[Press], sign: int) -> dict[tuple[int, int], int]:
         ]
 
 
-def choose(presses: Sequence[Press], sign: int, change: float = CHANGE_FINGER) -> list[int]:
-    """Return the fingers, 0 to 4, of the presses of a hand that cost the least.
+def choose(
+    presses: Sequence[Press],
+    sign: int,
+    change: float = CHANGE_FINGER,
+    robot: HandSpec | None = None,
+) -> list[int]:
+    """Return the fingers, from 0, the thumb, of the presses of a hand that cost the least.
 
     Presses are in order of time; ``change`` is the cost of a finger that is not the written one.
+    ``robot`` is the hand, by default the default one.
     """
     chords = (list(struck) for _, struck in groupby(presses, key=lambda press: press.first))
-    found = search(chords, _Robot(sign, change), order=1, most_states=_MOST_STATES)
+    model = _Robot(sign, change, robot or find_hand())
+    found = search(chords, model, order=1, most_states=_MOST_STATES)
     return [found.fingers[press] for press in presses]
 
 
@@ -213,6 +199,8 @@ class _Robot:
     """1 for the right hand, -1 for the left one."""
     change: float
     """Cost of a finger that is not the written one."""
+    robot: HandSpec
+    """The hand."""
 
     def held(self, down: list[Press], struck: list[Press]) -> tuple[list[Press], list[Press]]:
         # In its last state a key may come up: legato overlaps by one when it is rounded to steps.
@@ -221,15 +209,15 @@ class _Robot:
     def lay(
         self, path: Sequence[Onset[Press]], held: list[Press], struck: list[Press]
     ) -> Onset[Press]:
-        before = path[-1] if path else _NOTHING
+        before, count = path[-1] if path else _NOTHING, len(self.robot.fingers)
         struck = sorted(struck, key=lambda press: _across(press, self.sign))
         places = [before.down.index(press) for press in held]
         states: list[tuple[int, ...]] = []
         for way in dict.fromkeys(map(tuple, before.states[:, places].tolist())):
-            free = [finger for finger in range(FINGERS_PER_HAND) if finger not in way]
+            free = [finger for finger in range(count) if finger not in way]
             new = list(combinations(free, len(struck)))
             if not new:  # more than the hand can do: as it is written
-                new = [tuple(press.finger for press in struck)]
+                new = [tuple(min(press.finger, count - 1) for press in struck)]
             states += [(*way, *fingers) for fingers in new]
         return Onset([*held, *struck], np.array(states))
 
@@ -262,25 +250,25 @@ class _Robot:
         early = dict.fromkeys((press for press in before if press not in now), np.zeros(1))
         for one, other in product(early, late):
             rest = min(other.first - one.last - 1, LEAP_REST + 1)
-            leaps = _leaps(one.key, other.key, rest, self.sign)
+            leaps = _leaps(one.key, other.key, rest, self.sign, len(self.robot.fingers))
             begins_late, ends_early = leaps[:, before[one], now[other]]
             late[other] = np.maximum(late[other], begins_late)
             early[one] = np.maximum(early[one], ends_early)
         return sum(late.values(), np.zeros(1)), sum(early.values(), np.zeros(1))
 
     def _grips(self, one: Press, other: Press) -> Table:
-        """Return what it costs that two keys are held together, by their fingers: (5, 5)."""
+        """Return what it costs that two keys are held together, by their fingers: (f, f)."""
         apart = _across(other, self.sign) - _across(one, self.sign)
         if apart < 0:
             return self._grips(other, one).T
         together = max(min(one.last, other.last) - max(one.first, other.first) + 1, 1)
-        lost = _out_of_reach(apart) / _TOLERANCE
-        return np.where(_IN_ORDER, together * np.minimum(lost, _MOST_LOST), _CROSSED)
+        lost = _out_of_reach(apart, self.robot) / _TOLERANCE
+        return np.where(_in_order(len(lost)), together * np.minimum(lost, _MOST_LOST), _CROSSED)
 
 
 @functools.lru_cache(maxsize=8192)
-def _leaps(key: int, later_key: int, rest: int, sign: int) -> Table:
-    """Return how late a note begins and how early the one before ends, by their fingers: (2, 5, 5).
+def _leaps(key: int, later_key: int, rest: int, sign: int, count: int) -> Table:
+    """Return how late a note begins and how early the one before ends, by their fingers: (2, f, f).
 
     `rest` is the control steps between them.
     """
@@ -297,12 +285,12 @@ def _leaps(key: int, later_key: int, rest: int, sign: int) -> Table:
         return late + _LEAP_WEIGHT * distance + _PASSED * passes, early
 
     if rest > LEAP_REST:
-        return np.zeros((2, FINGERS_PER_HAND, FINGERS_PER_HAND))
-    fingers = range(FINGERS_PER_HAND)
+        return np.zeros((2, count, count))
+    fingers = range(count)
     return np.moveaxis(np.array([[costs(f, other) for other in fingers] for f in fingers]), 2, 0)
 
 
-def _early_releases(presses: Sequence[Press], sign: int) -> list[EarlyRelease]:
+def _early_releases(presses: Sequence[Press], sign: int, robot: HandSpec) -> list[EarlyRelease]:
     """Return what a hand has to release early so that it can play the others.
 
     What is held already makes way for what is struck. Of a chord that cannot be struck, the note
@@ -312,7 +300,8 @@ def _early_releases(presses: Sequence[Press], sign: int) -> list[EarlyRelease]:
     held: list[Press] = []
 
     def conflicts(one: Press) -> list[Press]:
-        return [other for other in struck if other is not one and not _holds(one, other, sign)]
+        others = (other for other in struck if other is not one)
+        return [other for other in others if not _holds(one, other, sign, robot)]
 
     def makes_way(press: Press) -> bool:
         """Release a press if it cannot be held beside what is struck; return whether."""
@@ -346,18 +335,24 @@ def _across(press: Press, sign: int) -> float:
     return sign * float(KEY_Y[press.key])
 
 
-def _holds(one: Press, other: Press, sign: int) -> bool:
+def _holds(one: Press, other: Press, sign: int, robot: HandSpec) -> bool:
     """Return whether a hand can hold two keys together."""
     low, high = sorted((one, other), key=lambda press: _across(press, sign))
     if low.finger >= high.finger:  # fingers that cross are another matter
         return low.finger != high.finger
     apart = _across(high, sign) - _across(low, sign)
-    return bool(_out_of_reach(apart)[low.finger, high.finger] <= _MAX_OVERREACH)
+    return bool(_out_of_reach(apart, robot)[low.finger, high.finger] <= _MAX_OVERREACH)
 
 
-def _out_of_reach(apart: float) -> Table:
+def _out_of_reach(apart: float, robot: HandSpec) -> Table:
     """Return how far two keys are out of reach, m, by their fingers, of which the second is higher.
 
     `apart` is how much nearer to the little finger's side the second key is, m.
     """
-    return np.maximum(np.maximum(apart - _FARTHEST, _NEAREST - apart), 0.0)
+    return np.maximum(np.maximum(apart - robot.farthest, robot.nearest - apart), 0.0)
+
+
+@functools.cache
+def _in_order(count: int) -> BoolArray:
+    """Return which pairs of so many fingers do not cross."""
+    return np.triu(np.ones((count, count), dtype=bool), 1)

@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
-from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
+from sb3_piano.hands import HandSpec, find_hand
+from sb3_piano.music.constants import MIDDLE, UNKNOWN_FINGER
 from sb3_piano.music.fingering.hand_search import Chord, HandCosts, Part, lowest_left, search
 from sb3_piano.music.fingering.robot import (
-    ARMS_APART,
     KEY_SPACING,
     KEY_Y,
     LEAP_DISTANCE,
@@ -34,8 +34,8 @@ from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
 
 _CHANGE = 1.0  # a note that goes to the other hand
-_STRETCH = 1.5  # a white key between those struck together that is more than five fingers cover
-_SPAN, _OVERREACH = 0.18, 0.01  # m: of thumb and little finger; beyond that a key is lost
+_STRETCH = 1.5  # a white key between those struck together that is more than the fingers cover
+_OVERREACH = 0.01  # m, beyond the span of the hand: a key is lost
 _LOST = 8.0  # a key that is struck and cannot be reached, or has no finger
 _HELD = 2.0  # one that is held and has to be let go for want of a finger
 _TOO_NEAR = 2.0  # a strike of a hand that is 5 cm too near to the other one
@@ -47,7 +47,7 @@ _HIGH, _END = 1, 2
 the greatest one, m, and when its last notes end, in control steps."""
 
 
-def robot_hands(score: Score, control_timestep: float) -> Score:
+def robot_hands(score: Score, control_timestep: float, robot: HandSpec | None = None) -> Score:
     """Return a score with the hands that suit the simulated hands best.
 
     Notes that change hands lose their fingers. A piece for one hand stays with that hand.
@@ -55,11 +55,12 @@ def robot_hands(score: Score, control_timestep: float) -> Score:
     Args:
         score: The piece; where it has no hands, it is first shared as between a pianist's.
         control_timestep: Length of a control step, s.
+        robot: The hands; by default the default ones.
     """
     score = assign_hands(score)
     if {note.hand for note in score.notes} != set(HANDS):
         return score
-    hands = search(score.notes, _Robot(control_timestep))
+    hands = search(score.notes, _Robot(control_timestep, robot or find_hand()))
     notes = [
         note if note.hand == hand else replace(note, hand=hand, finger=UNKNOWN_FINGER)
         for note, hand in zip(score.notes, hands, strict=True)
@@ -72,6 +73,7 @@ class _Robot(HandCosts):
     """Costs of the simulated hands."""
 
     control_timestep: float
+    robot: HandSpec
     start = np.array([-np.inf, np.inf, -np.inf])
 
     def options(self, struck: Sequence[Note]) -> BoolArray:
@@ -87,15 +89,16 @@ class _Robot(HandCosts):
         apart = after[..., _HIGH].sum(axis=-1)
         onset = chord.onset / self.control_timestep
         near = (onset - after[..., _END] <= _ARM_STEPS).all(axis=-1)
-        missing = np.clip(ARMS_APART - apart, 0, _NEAR_MOST) / _NEAR_UNIT
+        missing = np.clip(self.robot.forearm.apart - apart, 0, _NEAR_MOST) / _NEAR_UNIT
         return cost + _CHANGE * changed + np.where(near, _TOO_NEAR * missing, 0.0), after
 
     def cost_of(self, states: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
         onset = part.chord.onset / self.control_timestep
         end = max(note.offset for note in part.chord.struck) / self.control_timestep
-        place, leap = _places(states[:, part.hand], part.low, part.high, onset)
+        above = len(self.robot.fingers) - 1 - MIDDLE
+        place, leap = _places(states[:, part.hand], part.low, part.high, onset, above)
         now = np.concatenate([place, np.full((*place.shape[:2], 1), end)], axis=-1)
-        return _grip(part) + leap, now
+        return _grip(part, self.robot) + leap, now
 
 
 def _written(struck: Sequence[Note]) -> BoolArray:
@@ -103,26 +106,27 @@ def _written(struck: Sequence[Note]) -> BoolArray:
     return np.array([note.hand == "left" for note in struck])
 
 
-def _grip(part: Part) -> FloatArray:
+def _grip(part: Part, robot: HandSpec) -> FloatArray:
     """Cost of striking and holding keys together: (ways, options)."""
+    span, count = robot.farthest[0, -1], len(robot.fingers)
     width = np.maximum(part.high - part.low, 0)
-    strikes = _STRETCH * np.maximum(width / KEY_SPACING - 4, 0)
-    strikes += _LOST * np.clip((width - _SPAN) / _OVERREACH, 0, 2)
-    strikes += _LOST * np.maximum(part.count - FINGERS_PER_HAND, 0)
-    let_go = 2 * np.clip((part.whole - _SPAN) / _OVERREACH, 0, 1)
-    let_go += np.maximum(part.count + part.held - FINGERS_PER_HAND, 0)
+    strikes = _STRETCH * np.maximum(width / KEY_SPACING - (count - 1), 0)
+    strikes += _LOST * np.clip((width - span) / _OVERREACH, 0, 2)
+    strikes += _LOST * np.maximum(part.count - count, 0)
+    let_go = 2 * np.clip((part.whole - span) / _OVERREACH, 0, 1)
+    let_go += np.maximum(part.count + part.held - count, 0)
     return np.asarray(strikes + np.where(part.held, _HELD * np.minimum(let_go, 2), 0.0))
 
 
 def _places(
-    states: FloatArray, low: FloatArray, high: FloatArray, onset: float
+    states: FloatArray, low: FloatArray, high: FloatArray, onset: float, above: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return where a hand is to be, (ways, options, 2), and what it costs it to go there.
 
-    Five fingers cover keys from two spacings below the middle finger to two above: a hand can be
-    wherever its keys are covered, and stays where it can.
+    Fingers cover keys from two spacings below the middle finger to one for each of those ``above``
+    it: a hand can be wherever its keys are covered, and stays where it can.
     """
-    ends = np.stack([high - 2 * KEY_SPACING, low + 2 * KEY_SPACING])
+    ends = np.stack([high - above * KEY_SPACING, low + MIDDLE * KEY_SPACING])
     wide = ends[0] > ends[1]
     least, greatest = np.where(wide, ends.mean(axis=0), ends)
     before_least, before_greatest, end = states.T[..., None]

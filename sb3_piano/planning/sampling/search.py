@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
+from sb3_piano.engine import mujoco
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.tracker import Tracker
 from sb3_piano.simulation import Simulation, compile_scene
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.threads import ThreadTeam
 
 

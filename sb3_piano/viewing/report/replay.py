@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
+from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.stage_files import stage_files
 
 RESOLUTION = 1e-4

@@ -14,7 +14,6 @@ from sb3_piano.lab.web.reading_facts import reading_facts
 from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
 from sb3_piano.metrics import frame_f1
 from sb3_piano.music import Note, Score, load_score
-from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.players import SightReader
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.reading import KeyPlaces, both_hands, read_piece
@@ -116,7 +115,7 @@ def test_it_reads_observes_and_acts_as_in_python(reader, folder, piece, tmp_path
     env, observed, acted = performed(piece, file, every=1 if piece is EDGES else 5)
     answer = reader.ask({"ask": "observe", "folder": str(folder), "file": str(file)})
     read = read_piece(env.goal.fingered_roll, both_hands(env.scene), KeyPlaces.of(env.scene))
-    bounds = bounds_of(read.line, ARMS_APART)
+    bounds = bounds_of(read.line, env.scene.hand.forearm.apart)
     for there, here, bound in zip(answer["hands"], read.hands, bounds, strict=True):
         assert [list(one.values()) for one in there["presses"]] == [
             [p.first, p.last, p.leaps, p.leapt, p.repeated, p.press.key, p.press.finger]

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from sb3_piano.arrays import ComplexArray, FloatArray, IntArray
-from sb3_piano.music.constants import FINGERS_PER_HAND
-from sb3_piano.reading.forearm import YAW, TurnedForearm
-from sb3_piano.simulation import PianoScene, compile_scene
-from sb3_piano.simulation.engine import mujoco
-from sb3_piano.simulation.scene import SIDES
+from sb3_piano.engine import mujoco
+from sb3_piano.hands.forearm import TurnedForearm
+from sb3_piano.hands.spec import HandSpec
 
 _EXACT = 1e-12  # less is rounding, of unit vectors and m
 _EVEN_STEPS = 3
@@ -74,25 +73,57 @@ class _Bends:
         return distance, (tip.conj() * turned).real / distance
 
 
+class SceneWithHands(Protocol):
+    """What is asked of a scene, which is a ``PianoScene``."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """MuJoCo's model."""
+
+    @property
+    def hand(self) -> HandSpec:
+        """The hand."""
+
+    @property
+    def sides(self) -> tuple[Any, ...]:
+        """Hands that are there."""
+
+    @property
+    def joints(self) -> tuple[IntArray, ...]:
+        """Joints of each hand."""
+
+    @property
+    def fingertip_geom(self) -> IntArray:
+        """(f h,) geoms of the last finger links."""
+
+    @property
+    def actuator_of_joint(self) -> FloatArray:
+        """(nu, m) which actuator moves by how much with which joint."""
+
+    @property
+    def actuator_role(self) -> tuple[str, ...]:
+        """What each actuator is for."""
+
+
 class HandKinematics:
-    """The five fingertips of a hand (0 right, 1 left) as functions of where its actuators are.
+    """The f fingertips of a hand (0 right, 1 left) as functions of where its actuators are.
 
     A fingertip is the centre of the sphere at the far end of the last finger link: whatever the
     finger's angle, what it touches below is its radius away. The two joints that share an actuator
     are taken to bend alike.
     """
 
-    def __init__(self, scene: PianoScene, hand: int):
+    def __init__(self, scene: SceneWithHands, hand: int):
         model = scene.model
         self.hand = hand
-        place = scene.sides.index(SIDES[hand])
+        self.spec = scene.hand
+        """The hand, and the roles of its parts."""
+        place = scene.sides.index(("right", "left")[hand])
         count = model.nu // len(scene.sides)
         self.actuators = np.arange(count, dtype=np.intp) + place * count
         """(n,) the hand's actuators among all of the scene."""
-        self.low = scene.ctrl_low[self.actuators]
-        """(n,) lower ends of the control ranges; rad, or m for the sliders."""
-        self.high = scene.ctrl_high[self.actuators]
-        """(n,) upper ends."""
+        self.low, self.high = model.actuator_ctrlrange[self.actuators].T.copy()
+        """(n,) ends of the control ranges; rad, or m for the sliders."""
         self.joint_ids = scene.joints[place]
         """(m,) the hand's joints among all of the model."""
         number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
@@ -102,9 +133,12 @@ class HandKinematics:
             (moves / (moves * moves).sum(axis=1, keepdims=True)).T
         )
         """(m, n) joint positions by actuator positions; the joints of a tendon share its way."""
-        names = [model.actuator(int(i)).name.rpartition("/")[2] for i in self.actuators]
-        self.names = tuple(name.removeprefix("rh_A_").removeprefix("lh_A_") for name in names)
-        """Short names of the actuators: ``"WRJ2"`` ... ``"forearm_ty"``."""
+        self.names = tuple(self.spec.short(model.actuator(int(i)).name) for i in self.actuators)
+        """Short names of the actuators."""
+        self.roles = tuple(scene.actuator_role[i] for i in self.actuators)
+        """What each of them is for."""
+        self.along = self.roles.index("along")
+        """Which of them slides along the keyboard."""
         self.sign = 1 if hand == 0 else -1
         """1 for the right hand, whose little finger is farthest along y; -1 for the left one."""
         assert not model.jnt_pos[self.joint_ids].any(), "joints are at their bodies' origins"
@@ -117,10 +151,9 @@ class HandKinematics:
         actuators = np.abs(self.joint_of_actuator).argmax(axis=1).tolist()
         self._actuator = [(a, float(self.joint_of_actuator[j, a])) for j, a in enumerate(actuators)]
         """The actuator that moves each joint, and how far."""
-        tips = slice(place * FINGERS_PER_HAND, (place + 1) * FINGERS_PER_HAND)
-        geoms = scene.fingertip_geom[tips]
+        geoms = scene.fingertip_geom.reshape(len(scene.sides), -1)[place]
         self.radius = model.geom_size[geoms, 0].copy()
-        """(5,) radius of each fingertip, m."""
+        """(f,) radius of each fingertip, m."""
         self._build_chains(model, geoms)
         self._bends = self._find_bends()
         self._place_arm(scene)
@@ -157,20 +190,19 @@ class HandKinematics:
 
     def slider_for_arm(self, place: FloatArray) -> FloatArray:
         """Return where the slider along the keyboard is when the forearm is at a place, (s,) m."""
-        along = self.index("forearm_tx")
-        at = (place - self._arm_offset) / self.arm_slope[along]
-        return np.clip(at, self.low[along], self.high[along])
+        at = (place - self._arm_offset) / self.arm_slope[self.along]
+        return np.clip(at, self.low[self.along], self.high[self.along])
 
     def fingertips(self, positions: FloatArray) -> FloatArray:
-        """Return the fingertips in the world at (s, n) actuator positions, (s, 5, 3) m."""
+        """Return the fingertips in the world at (s, n) actuator positions, (s, f, 3) m."""
         _, places, frames = self._chain(positions)
         return _postures_first(self._tips(places, frames))
 
     def fingertips_and_jacobian(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the fingertips at (s, n) positions, (s, 5, 3) m, and derivatives, (s, 5, 3, n)."""
+        """Return the fingertips at (s, n) positions, (s, f, 3) m, and derivatives, (s, f, 3, n)."""
         axes, places, frames = self._chain(positions)
         tips = self._tips(places, frames)
-        slopes = np.zeros((FINGERS_PER_HAND, 3, self.size, len(positions)))
+        slopes = np.zeros((len(tips), 3, self.size, len(positions)))
         for finger, joints in enumerate(self._joints_above):
             for j in joints:
                 x, y, z = axis = axes[j]
@@ -219,7 +251,9 @@ class HandKinematics:
                 links = (self._links[self._link_of_joint[j]].offset for j, _ in (middle, end))
                 lengths = [math.hypot(*(way for _, way in ways)) for ways in (*links, offset)]
                 found.append((knuckle[1], end[1], middle[0], lengths))
-        knuckles, both, middles, lengths_of = (np.array(each) for each in zip(*found, strict=True))
+        numbers = np.array([each[:3] for each in found], dtype=np.intp).reshape(-1, 3)
+        lengths_of = np.array([each[3] for each in found]).reshape(-1, 3)
+        knuckles, both, middles = numbers.T
         return _Bends(knuckles, both, middles, lengths_of.T)
 
     def _chain(
@@ -257,7 +291,7 @@ class HandKinematics:
         return axes, places, frames
 
     def _tips(self, places: list[FloatArray], frames: list[FloatArray]) -> FloatArray:
-        """Return the fingertips, (5, 3, s) m."""
+        """Return the fingertips, (f, 3, s) m."""
         return np.stack(
             [
                 _moved(places[link], frames[link], offset)
@@ -265,8 +299,8 @@ class HandKinematics:
             ]
         )
 
-    def _place_arm(self, scene: PianoScene) -> None:
-        along = self.index("forearm_tx")
+    def _place_arm(self, scene: SceneWithHands) -> None:
+        along = self.along
         joint = int(self.joint_ids[int(np.argmax(self.joint_of_actuator[:, along]))])
         body = int(scene.model.jnt_bodyid[joint])
         axis = _matrix(scene.model.body_quat[body]) @ scene.model.jnt_axis[joint]
@@ -275,8 +309,10 @@ class HandKinematics:
         """(n,) how the forearm's place across the keys changes with the actuators."""
         self.arm_slope[along] = axis[1]
         self._turned = None
-        if YAW in self.names:
-            self._turned = TurnedForearm.of(scene, self.hand, self.index(YAW))
+        if "yaw" in self.roles:
+            yaw = self.roles.index("yaw")
+            joint = int(self.joint_ids[int(np.argmax(self.joint_of_actuator[:, yaw]))])
+            self._turned = TurnedForearm.of(scene.model, joint, yaw, self.sign)
 
     def _build_chains(self, model: mujoco.MjModel, geoms: IntArray) -> None:
         """Number the bodies from the hand's root to its fingertips, parents first."""
@@ -297,23 +333,11 @@ class HandKinematics:
         ]
         self._tip_link = [number[body] for body in tip_bodies]
         self.tip_along = np.array([_far_end(model, int(g)) for g in geoms])
-        """(5,) how far along the axis of its capsule each fingertip is from the middle, m."""
+        """(f,) how far along the axis of its capsule each fingertip is from the middle, m."""
         self._tip_offset = [
             _ways(_turn(model, body).T @ (model.geom_pos[g] + _axis(model, int(g)) * along))
             for g, along, body in zip(geoms, self.tip_along, tip_bodies, strict=True)
         ]
-
-
-def both_hands(scene: PianoScene) -> tuple[HandKinematics, HandKinematics]:
-    """Return the right and the left hand of a scene.
-
-    A hand that is not there is that of a scene with both: it is read as one that rests.
-    """
-    right, left = (
-        HandKinematics(scene if name in scene.sides else compile_scene(), hand)
-        for hand, name in enumerate(SIDES)
-    )
-    return right, left
 
 
 def _turn(model: mujoco.MjModel, body: int) -> FloatArray:

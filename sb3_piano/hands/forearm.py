@@ -7,12 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.engine import mujoco
-from sb3_piano.simulation.scene import SIDES
-
-YAW = "forearm_yaw"
-"""The joint by which a forearm turns to the side."""
+from sb3_piano.engine import mujoco
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +28,12 @@ class TurnedForearm:
     """(2, k) corners of its shapes, along and across the keys from its elbow, m."""
 
     @classmethod
-    def of(cls, scene: PianoScene, hand: int, actuator: int) -> TurnedForearm:
-        """Take the forearm of a hand, 0 right, 1 left, of a scene."""
-        model, place = scene.model, scene.sides.index(SIDES[hand])
-        shapes = scene.forearm_geoms[place]
-        frame = _matrix(model.body_quat[model.geom_bodyid[shapes[0]]])
-        joint = next(j for j in scene.joints[place] if model.joint(j).name.endswith(YAW))
-        corners = np.concatenate([_corners(model, shape) for shape in shapes])
-        sign = 1 if hand == 0 else -1
+    def of(cls, model: mujoco.MjModel, joint: int, actuator: int, sign: int) -> TurnedForearm:
+        """Take the forearm that a joint turns."""
+        body = model.jnt_bodyid[joint]
+        frame = _matrix(model.body_quat[body])
+        shapes = np.flatnonzero(model.geom_bodyid == body)
+        corners = np.concatenate([_corners(model, int(shape)) for shape in shapes])
         return cls(
             actuator=actuator,
             axis=float(frame[2] @ model.jnt_axis[joint]),

@@ -1,0 +1,67 @@
+"""The left hand as a right one in a mirror."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sb3_piano.arrays import FloatArray
+from sb3_piano.engine import mujoco
+from sb3_piano.hands.spec import HandSpec
+
+_ACROSS = 1
+"""The world's axis along the keyboard, y: the mirror stands on the plane where it is 0."""
+
+
+def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
+    """Return the specification of a left hand that has no file: the right one's in a mirror.
+
+    The links' frames are mirrored along :attr:`HandSpec.mirror`. Positive angles bend what they
+    bend on the right; the slider along the keyboard still moves to the right, and a forearm still
+    rolls as the right one does, as with RoboPianist's hands.
+
+    Raises:
+        ValueError: If MuJoCo cannot read the file.
+    """
+    text = (hand.folder / "right.xml").read_text(encoding="utf-8")
+    text = text.replace(f'"{hand.prefix["right"]}', f'"{hand.prefix["left"]}')
+    spec = mujoco.MjSpec.from_string(text)
+    spec.modelfiledir = str(hand.folder)  # where the files of meshes are
+    axis = "xyz".index(hand.mirror)
+    roots = [body.name for body in spec.worldbody.bodies]
+    for body in spec.bodies[1:]:
+        outer = _ACROSS if body.name in roots else axis
+        body.pos, body.quat = _mirrored(body.pos, outer), _turned(body.quat, outer, axis)
+        body.ipos, body.iquat = _mirrored(body.ipos, axis), _turned(body.iquat, axis, axis)
+    for element in (*spec.geoms, *spec.sites):
+        element.pos, element.quat = _mirrored(element.pos, axis), _turned(element.quat, axis, axis)
+    for mesh in spec.meshes:
+        mesh.scale = _mirrored(mesh.scale, axis)
+    along, roll = hand.forearm.joints["along"], hand.forearm.joints.get("roll")
+    for joint in spec.joints:
+        slides = joint.type == mujoco.mjtJoint.mjJNT_SLIDE
+        # What turns to the right turns to the left in a mirror.
+        joint.axis = _mirrored(joint.axis, axis) * (1 if slides else -1)
+        joint.pos = _mirrored(joint.pos, axis)
+        if hand.short(joint.name) in (along, roll):
+            joint.axis, joint.range = -joint.axis, -joint.range[::-1]
+    for actuator in spec.actuators:
+        if hand.short(actuator.target) in (along, roll):
+            actuator.ctrlrange = -actuator.ctrlrange[::-1]
+    return spec
+
+
+def _mirrored(vector: Any, axis: int) -> FloatArray:
+    return np.where(np.arange(3) == axis, -1.0, 1.0) * vector
+
+
+def _turned(quaternion: Any, outer: int, inner: int) -> FloatArray:
+    """Return a rotation between two frames, each of which is mirrored along an axis of its own."""
+    numbers, turned = np.empty(9), np.empty(4)
+    mujoco.mju_quat2Mat(numbers, quaternion)
+    matrix = numbers.reshape(3, 3)
+    matrix[outer] *= -1
+    matrix[:, inner] *= -1
+    mujoco.mju_mat2Quat(turned, numbers)
+    return turned

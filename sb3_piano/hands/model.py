@@ -1,0 +1,152 @@
+"""A hand's MJCF as a specification for MuJoCo, and the variants of it that are edits by role."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Sequence
+from typing import Any
+
+from sb3_piano.engine import mujoco
+from sb3_piano.exceptions import ConfigError, near_names, one_line
+from sb3_piano.hands.mirror import read_mirrored
+from sb3_piano.hands.spec import SPEC_FILE, HandSpec, Side
+
+# Bits of contype and conaffinity. By default every shape of a hand meets every other, of either
+# hand, and the keyboard, whose conaffinity is 1.
+_KEYBOARD, _OTHER_HAND = 1, 2
+
+
+def build_hand(
+    hand: HandSpec,
+    side: Side,
+    *,
+    reduced_action_space: bool,
+    forearm_dofs: Sequence[str],
+    gravity_compensation: bool,
+    coupled_friction_only: bool = False,
+    playing_contacts_only: bool = False,
+    capsule_forearm: bool = False,
+) -> mujoco.MjSpec:
+    """Return the specification of a hand, to be attached to a scene.
+
+    Args:
+        hand: The hand.
+        side: ``"right"`` or ``"left"``.
+        reduced_action_space: Remove joints and narrow others as the hand says.
+        forearm_dofs: The forearm's joints; others are removed.
+        gravity_compensation: Let a force balance the weight of every body of the hand.
+        coupled_friction_only: Let only coupled joints have dry friction, see
+            :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
+        playing_contacts_only: Meet only the other hand, and the keyboard with the fingers' links
+            that are named for it.
+        capsule_forearm: Let the forearm's capsule stand for its shapes that are meshes.
+
+    Raises:
+        ConfigError: If MuJoCo cannot read the hand's file, or that lacks what ``hand.yml`` names.
+    """
+    spec = _read(hand, side)
+    _check(spec, hand)
+    _remove(spec, hand, set(hand.forearm.joints.values()) - set(forearm_dofs))
+    if reduced_action_space:
+        _reduce(spec, hand)
+    for body in spec.bodies[1:]:
+        body.gravcomp = float(gravity_compensation)
+    if coupled_friction_only:
+        _drop_friction(spec, hand)
+    if playing_contacts_only:
+        playing = {link for links in hand.fingers.values() for link in links}
+        for geom in spec.geoms:
+            _mask(geom, side, meets_keys=hand.short(geom.parent.name) in playing)
+    if capsule_forearm:
+        _take_capsule(spec.body(hand.prefix[side] + hand.forearm.body), hand)
+    return spec
+
+
+def _read(hand: HandSpec, side: Side) -> mujoco.MjSpec:
+    file = hand.folder / f"{side}.xml"
+    try:
+        if side == "left" and not file.is_file():
+            return read_mirrored(hand)
+        return mujoco.MjSpec.from_file(str(file))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"'{file}' is no hand: {one_line(error)}.") from error
+
+
+def _check(spec: mujoco.MjSpec, hand: HandSpec) -> None:
+    """Refuse a model that lacks what ``hand.yml`` names, or whose fingertips are none."""
+    reduced = hand.reduced_action_space
+    joints = (*hand.forearm.joints.values(), *hand.wrist, *hand.abduction, *hand.coupled)
+    links = [link for links in hand.fingers.values() for link in links]
+    named: list[tuple[str, Any, Iterable[str]]] = [
+        ("joint", spec.joints, (*joints, *reduced.removed, *reduced.ranges)),
+        ("body", spec.bodies, (hand.forearm.body, *links)),
+        ("actuator", spec.actuators, hand.rest.posture),
+    ]
+    for kind, elements, names in named:
+        known = {hand.short(element.name) for element in elements}
+        for name in names:
+            if name not in known:
+                raise ConfigError(
+                    f"'{hand.folder / SPEC_FILE}' names the {kind} {name!r}, which "
+                    f"'{spec.modelname}' does not have.{near_names(name, known)} Expected one of "
+                    f"{', '.join(sorted(known))}."
+                )
+    for body in spec.bodies[1:]:
+        if hand.short(body.name) in hand.tips and not _is_fingertip(body):
+            raise ConfigError(
+                f"The fingertip {body.name!r} of '{spec.modelname}' is none: expected a link whose "
+                "first geom is a capsule, with one site."
+            )
+
+
+def _is_fingertip(body: mujoco.MjsBody) -> bool:
+    first = next(iter(body.geoms), None)
+    is_capsule = first is not None and first.type == mujoco.mjtGeom.mjGEOM_CAPSULE
+    return is_capsule and len(body.sites) == 1
+
+
+def _reduce(spec: mujoco.MjSpec, hand: HandSpec) -> None:
+    """Remove joints and their actuators, and narrow the range of others."""
+    reduced = hand.reduced_action_space
+    _remove(spec, hand, reduced.removed)
+    for elements, name_of in ((spec.actuators, "target"), (spec.joints, "name")):
+        for element in elements:
+            name = hand.short(getattr(element, name_of))
+            if name in reduced.ranges:
+                limits = "ctrlrange" if name_of == "target" else "range"
+                setattr(element, limits, reduced.ranges[name])
+
+
+def _remove(spec: mujoco.MjSpec, hand: HandSpec, joints: Container[str]) -> None:
+    """Remove joints and their actuators."""
+    for elements, name_of in ((spec.actuators, "target"), (spec.joints, "name")):
+        for element in list(elements):
+            if hand.short(getattr(element, name_of)) in joints:
+                spec.delete(element)
+
+
+def _drop_friction(spec: mujoco.MjSpec, hand: HandSpec) -> None:
+    for joint in spec.joints:
+        if hand.short(joint.name) not in hand.coupled:
+            joint.frictionloss = 0.0
+
+
+def _take_capsule(forearm: mujoco.MjsBody, hand: HandSpec) -> None:
+    """Let a capsule stand for the forearm's meshes, if the hand has one."""
+    capsule = hand.forearm.capsule
+    for geom in forearm.geoms:
+        if capsule is not None and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+            geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_CAPSULE, ""
+            geom.size, geom.pos = [*capsule.size, 0], capsule.pos
+
+
+def _mask(geom: mujoco.MjsGeom, side: Side, *, meets_keys: bool) -> None:
+    """Let a shape of a hand meet the other hand, and perhaps the keyboard.
+
+    Two shapes meet where one's contype shares a bit with the other's conaffinity, so it is enough
+    that the right hand can be met by the left one.
+    """
+    keyboard = _KEYBOARD if meets_keys else 0
+    if side == "right":
+        geom.contype, geom.conaffinity = keyboard, _OTHER_HAND
+    else:
+        geom.contype, geom.conaffinity = keyboard | _OTHER_HAND, 0

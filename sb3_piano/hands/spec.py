@@ -1,0 +1,274 @@
+"""What is known of a robot hand besides its model: the roles of its parts, its reach, its rest.
+
+A hand is a folder with ``hand.yml``, ``right.xml`` and perhaps ``left.xml`` (MJCF). Without the
+latter the left hand is the right one in a mirror.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from annotated_types import Len
+
+from sb3_piano.arrays import FloatArray
+from sb3_piano.exceptions import ConfigError, near_names, one_line
+from sb3_piano.settings import (
+    Listed,
+    Nested,
+    NotNegative,
+    Number,
+    Positive,
+    refuse_unknown,
+    settings,
+)
+
+DEFAULT_HAND = "shadow"
+"""Name of the hand that plays unless one says otherwise."""
+
+SPEC_FILE = "hand.yml"
+
+_HANDS = Path(__file__).parent
+_FINGERS = ("thumb", "index", "middle", "ring", "little")
+
+Side = Literal["right", "left"]
+FingerName = Literal["thumb", "index", "middle", "ring", "little"]
+ForearmRole = Literal["along", "across", "up", "roll", "pitch", "yaw"]
+Role = Literal["along", "across", "up", "roll", "pitch", "yaw", "wrist", "abduction", "finger"]
+"""What a joint is for: to slide along the keyboard, across it (towards the keys' hinges) or up, to
+turn the forearm about its own axis, up or to the side, to bend the wrist, to spread fingers, or to
+bend them."""
+
+DEFAULT_FOREARM: tuple[ForearmRole, ...] = ("along", "across")
+"""Joints of a forearm that are there unless one says otherwise."""
+
+Names = Annotated[tuple[str, ...], Listed]
+_Three = Annotated[tuple[Number, Number, Number], Listed]
+_Range = Annotated[tuple[Number, Number], Listed]
+_Table = Annotated[tuple[Annotated[tuple[NotNegative, ...], Listed], ...], Listed]
+
+
+@settings
+class Capsule:
+    """A capsule that may stand for a forearm's shapes."""
+
+    size: Annotated[tuple[Positive, Positive], Listed]
+    """Radius and half length, m."""
+    pos: _Three
+    """Its centre in the forearm's frame, m."""
+
+
+@settings
+class Forearm:
+    """What carries the hand."""
+
+    body: str
+    """Its link, the root of the model."""
+    joints: Mapping[ForearmRole, str]
+    """Its joints by role, in the order of the model: the slider ``along`` the keyboard, and those
+    of ``across``, ``up``, ``roll``, ``pitch`` and ``yaw`` that the hand has."""
+    apart: Positive
+    """Least distance of the two forearms, m."""
+    capsule: Nested[Capsule] | None = None
+    """What stands for its shapes where a physics profile asks for capsules."""
+
+
+@settings
+class ReducedActions:
+    """What the reduced action space leaves out."""
+
+    removed: Names = ()
+    """Joints that are fixed at 0, and have no actuator."""
+    ranges: Mapping[str, _Range] = dataclasses.field(default_factory=dict)
+    """Changed ranges of joints and of their actuators, rad."""
+
+
+@settings
+class Rest:
+    """The posture over five neighbouring white keys."""
+
+    height: Positive
+    """Of the fingertips' centres over the keys' tops, m."""
+    posture: Mapping[str, Number]
+    """Where the search for the posture begins, by actuator; 0 for the others; rad, or m."""
+
+
+@settings
+class Reach:
+    """How far apart fingers can press white keys, m."""
+
+    nearest: _Table
+    """(f, f) the least distance of two fingertips, the second nearer to the little finger."""
+    farthest: _Table
+    """(f, f) the greatest one."""
+    gaps: Annotated[tuple[NotNegative, ...], Listed]
+    """(f - 1,) the least distances of neighbouring fingertips, from the thumb on."""
+
+
+@settings
+class HandSpec:
+    """The roles of a hand's parts, and numbers that planning, reading and fingering need.
+
+    Names are those of the model without the side's prefix, actuators' also without ``A_``.
+
+    Raises:
+        ConfigError: If a value does not fit.
+    """
+
+    source: str
+    """Name or absolute path by which the hand is found."""
+    title: str
+    """What it is called."""
+    prefix: Annotated[Mapping[Side, str], Len(2)]
+    """What names of each side begin with."""
+    mirror: Literal["x", "y", "z"] = "y"
+    """Axis of the links' frames that points across the hand: a left hand that has no file is the
+    right one mirrored along it, and so is what is drawn over its links."""
+    forearm: Nested[Forearm]
+    """What carries the hand."""
+    wrist: Names = ()
+    """Joints of the wrist."""
+    abduction: Names = ()
+    """Joints that spread the fingers."""
+    coupled: Names = ()
+    """Joints that share an actuator with the next one: friction decides how they share its way."""
+    fingers: Mapping[FingerName, Annotated[Names, Len(1)]]
+    """Links of each finger that may touch keys, the fingertip last; the thumb first."""
+    reduced_action_space: Nested[ReducedActions] = ReducedActions()
+    """What the reduced action space leaves out."""
+    rest: Nested[Rest]
+    """The posture at rest."""
+    reach: Nested[Reach]
+    """How far apart the fingers reach."""
+
+    def __post_init__(self) -> None:
+        names = tuple(self.fingers)
+        if len(names) < 3 or names != _FINGERS[: len(names)]:
+            raise ConfigError(
+                f"fingers are {', '.join(names)}: expected {', '.join(_FINGERS)} in this order, of "
+                "which the last ones may be missing."
+            )
+        if "along" not in self.forearm.joints:
+            raise ConfigError("forearm['joints'] has no 'along': expected the slider's name.")
+        count = len(names)
+        for name in ("nearest", "farthest"):
+            if [len(row) for row in getattr(self.reach, name)] != [count] * count:
+                raise ConfigError(
+                    f"reach[{name!r}] does not fit {count} fingers: expected {count} rows of "
+                    f"{count} distances."
+                )
+        if len(self.reach.gaps) != count - 1:
+            raise ConfigError(
+                f"reach['gaps'] has {len(self.reach.gaps)} distances: expected {count - 1}, one "
+                "for each two neighbours."
+            )
+
+    def __hash__(self) -> int:
+        return hash(self.source)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return find_hand, (self.source,)
+
+    @property
+    def folder(self) -> Path:
+        """Where its files are."""
+        return _HANDS / self.source if self.source.isidentifier() else Path(self.source)
+
+    @property
+    def tips(self) -> tuple[str, ...]:
+        """Links that press keys, thumb first."""
+        return tuple(links[-1] for links in self.fingers.values())
+
+    @functools.cached_property
+    def nearest(self) -> FloatArray:
+        """(f, f) :attr:`Reach.nearest`, m."""
+        return _read_only(self.reach.nearest)
+
+    @functools.cached_property
+    def farthest(self) -> FloatArray:
+        """(f, f) :attr:`Reach.farthest`, m."""
+        return _read_only(self.reach.farthest)
+
+    def forearm_dofs(self, names: Sequence[str] | None = None) -> tuple[str, ...]:
+        """Return names of the forearm's joints, by default those of ``DEFAULT_FOREARM``.
+
+        Raises:
+            ConfigError: If one is unknown, twice there or not in its place, or the slider along the
+                keyboard is missing.
+        """
+        joints = self.forearm.joints
+        if names is None:
+            return tuple(name for role, name in joints.items() if role in DEFAULT_FOREARM)
+        refuse_unknown(names, joints.values(), "joint", "forearm_dofs")
+        expected = [name for name in joints.values() if name in {*names, joints["along"]}]
+        if list(names) != expected:
+            raise ConfigError(
+                f"forearm_dofs is {list(names)}: expected {expected}, each joint once, in the "
+                f"hand's order, and {joints['along']!r}, without which it stays where it is."
+            )
+        return tuple(names)
+
+    def short(self, name: str) -> str:
+        """Return a name of a compiled or a lone model as ``hand.yml`` has it."""
+        name = name.rpartition("/")[2]
+        for prefix in self.prefix.values():
+            name = name.removeprefix(prefix)
+        return name.removeprefix("A_")
+
+    def role(self, joint: str) -> Role:
+        """Return what a joint is for, by its short name."""
+        for role, name in self.forearm.joints.items():
+            if joint == name:
+                return role
+        if joint in self.wrist:
+            return "wrist"
+        return "abduction" if joint in self.abduction else "finger"
+
+
+def find_hand(hand: str | os.PathLike[str] = DEFAULT_HAND) -> HandSpec:
+    """Return a hand by its name, such as ``"shadow"``, or by the path of its folder.
+
+    Raises:
+        ConfigError: If there is none, or its ``hand.yml`` is damaged.
+    """
+    text = os.fspath(hand)
+    if not text.isidentifier():
+        text = str(Path(text).resolve())
+    return _read(text)
+
+
+@functools.lru_cache(maxsize=32)
+def _read(source: str) -> HandSpec:
+    folder = _HANDS / source  # an absolute path stays one
+    file = folder / SPEC_FILE
+    if not file.is_file():
+        known = sorted(found.parent.name for found in _HANDS.glob(f"*/{SPEC_FILE}"))
+        raise ConfigError(
+            f"hand is {source!r}, which has no {SPEC_FILE}.{near_names(source, known)} Expected "
+            f"one of {', '.join(map(repr, known))}, or the path of a hand's folder."
+        )
+    try:
+        content = yaml.load(file.read_bytes(), _Loader)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"'{file}' is no YAML: {one_line(error)}.") from error
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"'{file}' has no entries: expected those of a hand.")
+    try:
+        return HandSpec(**{**content, "source": source})
+    except ConfigError as error:
+        raise ConfigError(f"'{file}': {error}") from error
+
+
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def _read_only(table: tuple[tuple[float, ...], ...]) -> FloatArray:
+    array = np.array(table)
+    array.flags.writeable = False
+    return array

@@ -26,7 +26,7 @@ LINES = {
     "cli": 3_204,
     "demonstrations": 1_505,
     "envs": 3_298,
-    "hands": 840,
+    "hands": 920,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 962,
@@ -42,7 +42,7 @@ LINES = {
     "training": 6_290,
     "tuning": 1_390,
     "vec_env": 490,
-    "viewing": 2_587,
+    "viewing": 2_550,
     "wrappers": 2_052,
 }
 
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_706
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_850, "modules": 327, "names": 224},
+    "core": {"lines": 48_900, "modules": 328, "names": 224},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_460},
+    "tests": {"lines": 42_620},
 }
 
 

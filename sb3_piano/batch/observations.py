@@ -13,7 +13,6 @@ from sb3_piano.batch.task import Heard, at
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs.encodings import Encoding, FingerEncoding, RollEncoding
 from sb3_piano.envs.hand_encoding import FRAMES_AHEAD, PRESSES_AHEAD, HandEncoding
-from sb3_piano.music.constants import FINGERS_PER_HAND
 
 _DM_PER_M = 10.0
 _MOST_WRONG_KEYS = 10
@@ -128,18 +127,19 @@ class HandObservations(Observations):
         arm = (self._middle + self._slope * joints[..., self._slider])[..., None]
         axes = worlds.geom_xmat.index_select(1, self._tips)[..., 2::3]
         tips = worlds.geom_xpos.index_select(1, self._tips) + axes * self._along
-        tips = tips.view(count, hands, FINGERS_PER_HAND, 3) * self._mirror
+        tips = tips.view(count, hands, -1, 3) * self._mirror
         here = tips * _DM_PER_M
         rows[..., here_at["positions"]] = joints.float()
         rows[..., here_at["velocities"]] = speeds.clamp(-_FASTEST, _FASTEST).float()
         ways = ((known["target"][row] - here[:, :, None]) * known["scale"][row]).float()
-        shown, size = len(FRAMES_AHEAD), (count, hands, -1, FINGERS_PER_HAND)
-        frames = rows[..., here_at["frames"]].unflatten(-1, (shown, FINGERS_PER_HAND, -1))
+        fingers, shown = tips.shape[2], len(FRAMES_AHEAD)
+        frames = rows[..., here_at["frames"]].unflatten(-1, (shown, fingers, -1))
         frames[..., :3] = ways[:, :, :shown]
         presses = rows[..., here_at["presses"]]
-        presses = presses.unflatten(-1, (PRESSES_AHEAD, FINGERS_PER_HAND, -1))
+        presses = presses.unflatten(-1, (PRESSES_AHEAD, fingers, -1))
         presses[..., :3] = ways[:, :, shown:]
-        depth = self._heard.key_state.gather(1, known["press_key"][row].flatten(1)).view(size)
+        depth = self._heard.key_state.gather(1, known["press_key"][row].flatten(1))
+        depth = depth.view(count, hands, -1, fingers)
         presses[..., 3] = (depth * known["press_there"][row]).float()
         self._write_keys(rows[..., here_at["keys"]], row, tips[..., 1])
         from_arm = arm * _DM_PER_M
@@ -159,7 +159,7 @@ class HandObservations(Observations):
         around = key[..., None] + self._around
         flat = around.flatten(1)
         state = torch.nn.functional.pad(self._heard.key_state, (1, 1)).float()
-        shown = rows.unflatten(-1, (FINGERS_PER_HAND, -1))
+        shown = rows.unflatten(-1, (places.shape[2], -1))
         shown[..., 0:3] = state.gather(1, flat).view(around.shape)
         shown[..., 3:6] = self._known["due"][row].gather(1, flat).view(around.shape)
         shown[..., 6:9] = self._black[around]

@@ -93,10 +93,9 @@ class PianoEnvConfig:
     metacarpal: 39 actions instead of 45; 20 instead of 23 of one hand."""
     forearm_dofs: Annotated[tuple[str, ...], Listed] | None = None
     """Joints of each forearm, in the hand's order; by default its sliders along the keyboard and
-    towards the keys' hinges. Those of the Shadow hand are RoboPianist's: these two, "forearm_tx"
-    and "forearm_ty"; "forearm_tz", up; turns about its own axis ("forearm_roll"), up
-    ("forearm_pitch") and to the side ("forearm_yaw"). The first one must be there; each further one
-    is one more action and one more observed number of each hand."""
+    towards the keys' hinges. The Shadow hand has RoboPianist's names: these two, one up, and turns
+    about its own axis, up and to the side (docs/environments.md). The first one must be there; each
+    further one is one more action and one more observed number of each hand."""
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"

@@ -12,7 +12,7 @@ from sb3_piano.envs.encodings import Encoding, check_labels
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
+from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
 from sb3_piano.reading.piece import HandReading, bounds_of
@@ -63,7 +63,7 @@ class HandEncoding(Encoding):
         self.places = KeyPlaces.of(scene)
         self._control_timestep = control_timestep
         self.layout = _layout(scene)
-        count = len(self._sides)
+        self._fingers, count = len(scene.hand.fingers), len(self._sides)
         self._size = self.layout.size // count
         blocks = list(self.layout.values())[: len(self.layout) // count]
         self.at = {block.name.partition("_")[2]: block.slice for block in blocks}
@@ -153,15 +153,15 @@ class HandEncoding(Encoding):
         arm = (self.hands[0].middle + self.slope * joints[:, self.slider])[:, None]
         axes = data.geom_xmat.take(self.tip_geoms, axis=0)[:, 2::3]
         tips = simulation.geom_xpos.take(self.tip_geoms, axis=0) + axes * self.tip_along
-        tips = tips.reshape(-1, FINGERS_PER_HAND, 3) * self.mirror
+        tips = tips.reshape(-1, self._fingers, 3) * self.mirror
         here = tips * _DM_PER_M
         rows[:, at["positions"]] = joints
         rows[:, at["velocities"]] = np.minimum(np.maximum(velocities, -_FASTEST), _FASTEST)
         ways = (self._target[step] - here[:, None]) * self._scale[step]
         frames, presses = rows[:, at["frames"]], rows[:, at["presses"]]
         hands, count = len(rows), len(FRAMES_AHEAD)
-        frames.reshape(hands, count, FINGERS_PER_HAND, -1)[..., :3] = ways[:, :count]
-        presses = presses.reshape(hands, PRESSES_AHEAD, FINGERS_PER_HAND, -1)
+        frames.reshape(hands, count, self._fingers, -1)[..., :3] = ways[:, :count]
+        presses = presses.reshape(hands, PRESSES_AHEAD, self._fingers, -1)
         presses[..., :3] = ways[:, count:]
         presses[..., 3] = key_state[self._press_key[step]] * self._press_there[step]
         self._write_keys(rows[:, at["keys"]], step, tips[:, :, 1], key_state)
@@ -183,7 +183,7 @@ class HandEncoding(Encoding):
         key = self.nearest.take(cells, mode="clip")
         around = key[:, :, None] + (_AROUND * self.sign.astype(np.intp))[:, None] + _MARGIN
         self._state[_MARGIN:-_MARGIN] = key_state
-        shown = rows.reshape(len(rows), FINGERS_PER_HAND, -1)
+        shown = rows.reshape(len(rows), self._fingers, -1)
         shown[..., 0:3] = self._state[around]
         shown[..., 3:6] = self._due[step][around]
         shown[..., 6:9] = self.black[around]
@@ -199,12 +199,12 @@ class HandEncoding(Encoding):
     ) -> None:
         """Write what does not depend on the simulation."""
         at, steps = self.at, len(known)
-        frames = np.zeros((steps, len(FRAMES_AHEAD), FINGERS_PER_HAND, 4))
+        frames = np.zeros((steps, len(FRAMES_AHEAD), self._fingers, 4))
         weight = hand.frames.weight[_states(steps, FRAMES_AHEAD), :, 1]
         frames[..., 3] = weight / _FULL_WEIGHT
         known[:, at["frames"]] = frames.reshape(steps, -1)
         times = np.stack([presses.first, presses.last], axis=-1) * self._control_timestep
-        facts = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _PRESS_NUMBERS))
+        facts = np.zeros((steps, PRESSES_AHEAD, self._fingers, _PRESS_NUMBERS))
         facts[..., 4:6] = np.clip(times, -MOST_TIME, MOST_TIME) * presses.there[..., None]
         facts[..., 6:11] = presses.facts
         now = (np.arange(steps) * self._control_timestep)[:, None, None, None]
@@ -226,29 +226,29 @@ class _FingerPresses:
     """In each of T states, each finger's press under way or else the next, and that after it."""
 
     key: IntArray
-    """(T, 2, 5) its key; 0 if there is none."""
+    """(T, 2, f) its key; 0 if there is none."""
     there: BoolArray
-    """(T, 2, 5) whether there is one."""
+    """(T, 2, f) whether there is one."""
     first: FloatArray
-    """(T, 2, 5) states until the key must be down; negative where it has been."""
+    """(T, 2, f) states until the key must be down; negative where it has been."""
     last: FloatArray
-    """(T, 2, 5) states until the last one in which it must be down."""
+    """(T, 2, f) states until the last one in which it must be down."""
     point: FloatArray
-    """(T, 2, 5, 3) where the fingertip is when the key is down, m."""
+    """(T, 2, f, 3) where the fingertip is when the key is down, m."""
     facts: FloatArray
-    """(T, 2, 5, 5) 1 if there is one, if it is black, if the hand came by a leap, if it leaves by
+    """(T, 2, f, 5) 1 if there is one, if it is black, if the hand came by a leap, if it leaves by
     one, if the same finger strikes the key again at once."""
     written: FloatArray
-    """(T, 2, 5, 2) when its note begins and when it ends as it is written, s from the start."""
+    """(T, 2, f, 2) when its note begins and when it ends as it is written, s from the start."""
 
     @classmethod
     def of(cls, hand: HandReading, roll: PianoRoll) -> _FingerPresses:
         """Look up what each finger does in each state."""
-        steps = len(roll)
+        steps, fingers = len(roll), hand.frames.target.shape[1]
         onsets = {(step, key): time for step, key, time in roll.strikes()}
-        shown = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _TABLE_WIDTH))
+        shown = np.zeros((steps, PRESSES_AHEAD, fingers, _TABLE_WIDTH))
         states = np.arange(steps)
-        for finger in range(FINGERS_PER_HAND):
+        for finger in range(fingers):
             own = [one for one in hand.presses if one.press.finger == finger]
             ends = np.maximum.accumulate([one.last for one in own] or [0])
             following = np.searchsorted(ends, states + 1) if own else np.zeros(steps, np.intp)
@@ -307,9 +307,9 @@ def _layout(scene: PianoScene) -> ObservationLayout:
 
 def _hand_blocks(scene: PianoScene, side: str) -> list[ObservationBlock]:
     low, high = scene.joint_range[0].T  # in the mirror they are the left hand's, too
-    count = len(low)
-    frames = (len(FRAMES_AHEAD), FINGERS_PER_HAND, 4)
-    presses = (PRESSES_AHEAD, FINGERS_PER_HAND, _PRESS_NUMBERS)
+    count, fingers = len(low), len(scene.hand.fingers)
+    frames = (len(FRAMES_AHEAD), fingers, 4)
+    presses = (PRESSES_AHEAD, fingers, _PRESS_NUMBERS)
     far = [_FARTHEST] * 3
     minus = [-_FARTHEST] * 3
     return [
@@ -332,7 +332,7 @@ def _hand_blocks(scene: PianoScene, side: str) -> list[ObservationBlock]:
         ),
         ObservationBlock(
             name=f"{side}_fingertips",
-            shape=(FINGERS_PER_HAND, 3),
+            shape=(fingers, 3),
             unit="dm",
             meaning="centres of the fingertips, thumb to little finger: x towards the player, y "
             "away from the arm to the little finger's side, z up",
@@ -365,7 +365,7 @@ def _hand_blocks(scene: PianoScene, side: str) -> list[ObservationBlock]:
         ),
         ObservationBlock(
             name=f"{side}_keys",
-            shape=(FINGERS_PER_HAND, 10),
+            shape=(fingers, 10),
             unit="1 (9), cm",
             meaning="for the key that is nearest to each fingertip, and its neighbours on the "
             "thumb's and on the little finger's side (in the order neighbour, key, neighbour): "

@@ -22,12 +22,13 @@ def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
     rolls as the right one does, as with RoboPianist's hands.
 
     Raises:
-        ValueError: If MuJoCo cannot read the file.
+        ValueError: If MuJoCo cannot read the file, or it is not written so that it can be mirrored.
     """
     text = (hand.folder / "right.xml").read_text(encoding="utf-8")
     text = text.replace(f'"{hand.prefix["right"]}', f'"{hand.prefix["left"]}')
     spec = mujoco.MjSpec.from_string(text)
     spec.modelfiledir = str(hand.folder)  # where the files of meshes are
+    _check_orientations(spec)
     axis = "xyz".index(hand.mirror)
     roots = [body.name for body in spec.worldbody.bodies]
     for body in spec.bodies[1:]:
@@ -36,6 +37,7 @@ def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
         body.ipos, body.iquat = _mirrored(body.ipos, axis), _turned(body.iquat, axis, axis)
     for element in (*spec.geoms, *spec.sites):
         element.pos, element.quat = _mirrored(element.pos, axis), _turned(element.quat, axis, axis)
+        element.fromto[[axis, 3 + axis]] *= -1
     for mesh in spec.meshes:
         mesh.scale = _mirrored(mesh.scale, axis)
     along, roll = hand.forearm.joints["along"], hand.forearm.joints.get("roll")
@@ -50,6 +52,18 @@ def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
         if hand.short(actuator.target) in (along, roll):
             actuator.ctrlrange = -actuator.ctrlrange[::-1]
     return spec
+
+
+def _check_orientations(spec: mujoco.MjSpec) -> None:
+    """Refuse orientations that are written in one of the ways that are not mirrored here."""
+    turned = [each.alt for each in (*spec.bodies, *spec.geoms, *spec.sites)]
+    turned += [body.ialt for body in spec.bodies]
+    is_quat = all(each.type == mujoco.mjtOrientation.mjORIENTATION_QUAT for each in turned)
+    if spec.frames or not is_quat or not np.isnan([b.fullinertia[0] for b in spec.bodies]).all():
+        raise ValueError(
+            "it has no left.xml, and to be mirrored it has to be written with quat or fromto, "
+            "without frames, fullinertia and other orientations"
+        )
 
 
 def _mirrored(vector: Any, axis: int) -> FloatArray:

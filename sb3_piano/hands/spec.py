@@ -9,9 +9,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import yaml
@@ -28,6 +28,8 @@ from sb3_piano.settings import (
     refuse_unknown,
     settings,
 )
+
+T = TypeVar("T")
 
 DEFAULT_HAND = "shadow"
 """Name of the hand that plays unless one says otherwise."""
@@ -49,7 +51,7 @@ DEFAULT_FOREARM: tuple[ForearmRole, ...] = ("along", "across")
 """Joints of a forearm that are there unless one says otherwise."""
 
 Names = Annotated[tuple[str, ...], Listed]
-_Three = Annotated[tuple[Number, Number, Number], Listed]
+Three = Annotated[tuple[Number, Number, Number], Listed]
 _Range = Annotated[tuple[Number, Number], Listed]
 _Table = Annotated[tuple[Annotated[tuple[NotNegative, ...], Listed], ...], Listed]
 
@@ -60,7 +62,7 @@ class Capsule:
 
     size: Annotated[tuple[Positive, Positive], Listed]
     """Radius and half length, m."""
-    pos: _Three
+    pos: Three
     """Its centre in the forearm's frame, m."""
 
 
@@ -253,14 +255,23 @@ def _read(source: str) -> HandSpec:
             f"hand is {source!r}, which has no {SPEC_FILE}.{near_names(source, known)} Expected "
             f"one of {', '.join(map(repr, known))}, or the path of a hand's folder."
         )
+    return read_entries(file, HandSpec, source=source)
+
+
+def read_entries(file: Path, kind: Callable[..., T], **more: Any) -> T:
+    """Return settings of a kind from a YAML file.
+
+    Raises:
+        ConfigError: If the file, which the message names, has not what they need.
+    """
     try:
         content = yaml.load(file.read_bytes(), _Loader)
     except yaml.YAMLError as error:
         raise ConfigError(f"'{file}' is no YAML: {one_line(error)}.") from error
     if not isinstance(content, Mapping):
-        raise ConfigError(f"'{file}' has no entries: expected those of a hand.")
+        raise ConfigError(f"'{file}' has no entries: expected a mapping.")
     try:
-        return HandSpec(**{**content, "source": source})
+        return kind(**{**content, **more})
     except ConfigError as error:
         raise ConfigError(f"'{file}': {error}") from error
 

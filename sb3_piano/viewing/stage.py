@@ -12,21 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.engine import mujoco
+from sb3_piano.hands import HandSpec, find_hand
+from sb3_piano.hands.look import Ball, read_look
 from sb3_piano.music.hands import Hand
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.compiling import assemble_scene, scene_parts
 
 _Vector = tuple[float, float, float]
-_Ball = tuple[_Vector, float | _Vector]
-"""Centre of an ellipsoid and its radius, or its three, m."""
-
-_Shape = tuple[str, tuple[float, ...], list[_Ball]]
-"""Body, colour and ellipsoids: what is shown is the hull of these."""
-
 _BOX, _MESH = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_MESH
 
-_SKIN, _CUFF, _SLEEVE = (0.80, 0.80, 0.82, 1.0), (0.93, 0.93, 0.95, 1.0), (0.10, 0.12, 0.20, 1.0)
 _FELT, _LANE = (0.55, 0.05, 0.08, 1.0), (0.13, 0.13, 0.15, 1.0)
 _INVISIBLE = (0.0, 0.0, 0.0, 0.0)
 
@@ -72,7 +68,7 @@ def _staged(**options: Any) -> PianoScene:
     _light(world)
     _furnish(world, [body.pos[1] for body in piano.bodies if "_key_" in body.name])
     for side, hand in zip(options["sides"], hands, strict=True):
-        _dress(hand, side)
+        _dress(hand, find_hand(options["hand"]), side)
     return assemble_scene([world, piano, *hands], options)
 
 
@@ -119,83 +115,36 @@ def _furnish(world: mujoco.MjSpec, keys: list[float]) -> None:
         _add_box(world, f"lane_{key:.3f}", centre, (0.0007, 0.0006, height), rgba=_LANE)
 
 
-def _dress(hand: mujoco.MjSpec, side: Hand) -> None:
-    """Hide a hand's colliders, but for the fingertips, under rounded shapes."""
-    body = {body.name.partition("_")[2]: body for body in hand.bodies[1:]}
+def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
+    """Hide a hand's colliders, but for the fingertips, under rounded shapes, if it has some."""
+    look = read_look(spec)
+    if look is None:
+        return
+    body = {spec.short(body.name): body for body in hand.bodies[1:]}
     for name, each in body.items():
-        if not name.endswith("distal"):
+        if name not in spec.tips:
             for geom in each.geoms:
                 geom.rgba = _INVISIBLE
-    for name, color, balls in _shapes(1.0 if side == "right" else -1.0):
-        mesh = hand.add_mesh(name=f"{name}_{len(hand.meshes)}", uservert=_surface(balls))
+    mirror = np.ones(3)
+    mirror["xyz".index(spec.mirror)] = 1.0 if side == "right" else -1.0
+    for shape in look.shapes:
+        surface = [point for ball in shape.balls for point in _surface(ball, mirror)]
+        mesh = hand.add_mesh(name=f"{shape.link}_{len(hand.meshes)}", uservert=surface)
         mesh.smoothnormal = True
-        body[name].add_geom(
+        body[shape.link].add_geom(
             name=f"seen_{mesh.name}",
             type=_MESH,
             meshname=mesh.name,
-            rgba=color,
+            rgba=look.colors[shape.color],
             contype=0,
             conaffinity=0,
         )
 
 
-def _shapes(out: float) -> list[_Shape]:
-    """Return the shapes of a hand.
-
-    Coordinates are the bodies': x to the thumb's side times ``out`` (1 for the right hand), y to
-    the palm, z towards the fingertips. Bones are as long as the simulated ones.
-    """
-    knuckles: list[_Ball] = [
-        ((x * out, 0.0, z), (0.0105, 0.0115, 0.010))
-        for x, z in ((0.033, 0.093), (0.011, 0.097), (-0.011, 0.093))
-    ]
-    palm: list[_Ball] = [
-        ((0.0, 0.0, -0.028), (0.023, 0.015, 0.012)),
-        ((0.018 * out, -0.002, 0.0), (0.016, 0.015, 0.014)),
-        ((-0.02 * out, 0.0, 0.004), (0.013, 0.014, 0.014)),
-        ((-0.026 * out, 0.0, 0.060), (0.010, 0.012, 0.012)),
-        *knuckles,
-    ]
-    arm: list[_Ball] = [
-        ((0.0, -0.01, -0.10), (0.052, 0.045, 0.02)),
-        ((0.0, -0.01, 0.060), (0.046, 0.040, 0.03)),
-        ((0.0, -0.01, 0.165), (0.034, 0.028, 0.012)),
-    ]
-    cuff: list[_Ball] = [
-        ((0.0, -0.01, 0.168), (0.036, 0.030, 0.006)),
-        ((0.0, -0.01, 0.182), (0.035, 0.029, 0.006)),
-    ]
-    wrist: list[_Ball] = [
-        ((0.0, -0.01, 0.180), (0.027, 0.020, 0.010)),
-        ((0.0, -0.01, 0.213), (0.025, 0.017, 0.012)),
-    ]
-    metacarpal: list[_Ball] = [
-        ((0.004 * out, 0.0, 0.0), (0.011, 0.0125, 0.012)),
-        ((0.0, 0.0, 0.0645), (0.0105, 0.0115, 0.010)),
-    ]
-    thenar: list[_Ball] = [((0.0, 0.0, 0.0), 0.014), ((-0.012 * out, 0.002, 0.012), 0.010)]
-    bones = [("thproximal", 0.0135, 0.038, 0.0115), ("thmiddle", 0.0112, 0.032, 0.0095)]
-    for finger in ("ff", "mf", "rf", "lf"):
-        bones.append((f"{finger}proximal", 0.0102, 0.045, 0.0090))
-        bones.append((f"{finger}middle", 0.0090, 0.025, 0.0076))
-    shapes: list[_Shape] = [
-        ("forearm", _SLEEVE, arm),
-        ("forearm", _CUFF, cuff),
-        ("forearm", _SKIN, wrist),
-        ("palm", _SKIN, palm),
-        ("lfmetacarpal", _SKIN, metacarpal),
-        ("thbase", _SKIN, thenar),
-    ]
-    for name, near, length, far in bones:
-        shapes.append((name, _SKIN, [((0.0, 0.0, 0.0), near), ((0.0, 0.0, length), far)]))
-    return shapes
-
-
-def _surface(balls: list[_Ball]) -> list[float]:
-    """Return points on ellipsoids, one coordinate after the other; MuJoCo takes their hull."""
-    sphere = _sphere()
-    points = [np.array(centre) + np.array(radius) * sphere for centre, radius in balls]
-    return [float(value) for value in np.concatenate(points).ravel()]
+def _surface(ball: Ball, mirror: FloatArray) -> list[float]:
+    """Return points on an ellipsoid, one coordinate after the other; MuJoCo takes their hull."""
+    points = mirror * np.array(ball.centre) + np.array(ball.radii) * _sphere()
+    return [float(value) for value in points.ravel()]
 
 
 @functools.cache

@@ -18,12 +18,14 @@ def stage_files(scene: PianoScene) -> tuple[dict[str, Any], bytes]:
 
     Returns:
         ``geoms``: what is seen, with the name of the body that it moves with, type, size, pos, quat
-        (MuJoCo's, w first), rgba, and for a mesh its index. ``meshes``: for each of them where in
+        (MuJoCo's, w first), rgba, for a mesh its index, and for a fingertip its finger, from 0, the
+        thumb. ``meshes``: for each of them where in
         the bytes its ``vertices`` and ``faces`` are, [offset in bytes, count of numbers].
 
         The bytes: float32 vertices, (n, 3) m, and uint16 faces, (m, 3) indices of vertices.
     """
-    model = staged(scene).model
+    stage = staged(scene)
+    model = stage.model
     seen = [g for g in range(model.ngeom) if _rgba(model, g)[3] > 0]
     shown = sorted({int(model.geom_dataid[g]) for g in seen if model.geom_type[g] == _MESH})
     meshes, parts, size = [], [], 0
@@ -36,11 +38,16 @@ def stage_files(scene: PianoScene) -> tuple[dict[str, Any], bytes]:
             parts.append(padded)
             size += len(padded)
         meshes.append(entry)
-    geoms = [_geom(model, g, shown) for g in seen]
+    tip_bodies = model.geom_bodyid[stage.fingertip_geom].tolist()
+    count = len(scene.hand.fingers)
+    finger = {body: tip % count for tip, body in enumerate(tip_bodies)}
+    geoms = [_geom(model, g, shown, finger) for g in seen]
     return {"geoms": geoms, "meshes": meshes}, b"".join(parts)
 
 
-def _geom(model: mujoco.MjModel, geom: int, shown: list[int]) -> dict[str, Any]:
+def _geom(
+    model: mujoco.MjModel, geom: int, shown: list[int], finger: dict[int, int]
+) -> dict[str, Any]:
     kind = mujoco.mjtGeom(model.geom_type[geom])
     return {
         "body": model.body(int(model.geom_bodyid[geom])).name,
@@ -50,6 +57,7 @@ def _geom(model: mujoco.MjModel, geom: int, shown: list[int]) -> dict[str, Any]:
         "quat": _short(model.geom_quat[geom]),
         "rgba": _short(_rgba(model, geom)),
         "mesh": shown.index(int(model.geom_dataid[geom])) if kind == _MESH else None,
+        "finger": finger.get(int(model.geom_bodyid[geom])),
     }
 
 

@@ -1,8 +1,8 @@
 """Refinement: a plan is played in simulation, what goes wrong is tried otherwise, and is kept."""
 
 import contextlib
-import json
 import dataclasses
+import json
 
 import numpy as np
 import pytest

@@ -112,7 +112,7 @@ class HandRating:
 def _owners(plan: Plan, scene: PianoScene) -> IntArray:
     """Return which of the plan's hands each key belongs to in each control step, (T, 88)."""
     across = scene.key_boxes[0][:, 1]
-    tips = plan.fingertips[1:, :, 1].reshape(len(plan), len(plan.hands), FINGERS_PER_HAND)
+    tips = plan.fingertips[1:, :, 1].reshape(len(plan), len(plan.hands), -1)
     away = np.stack(
         [np.abs(tips[:, hand, :, None] - across).min(axis=1) for hand in range(len(plan.hands))]
     )

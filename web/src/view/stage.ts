@@ -25,6 +25,8 @@ export interface StageGeom {
   readonly rgba: readonly number[];
   /** Which of the meshes, for type mesh. */
   readonly mesh: number | null;
+  /** Of a fingertip its finger, from 0, the thumb. */
+  readonly finger: number | null;
 }
 
 /** Corners, (n, 3) m, and triangles, (m, 3) indices, one after the other. */
@@ -60,8 +62,6 @@ export async function loadStage(assets: Assets): Promise<Stage> {
 }
 
 const KEY_BODY = /_key_(\d+)$/;
-const TIP_BODY = /(th|ff|mf|rf|lf)distal$/;
-const FINGERS = ["th", "ff", "mf", "rf", "lf"];
 
 /** Number of the key whose body it is, or null. */
 export function keyOf(body: string): number | null {
@@ -80,8 +80,7 @@ function coloredGeometry(stage: Stage, geom: StageGeom): BufferGeometry {
   const [w, x, y, z] = geom.quat as [number, number, number, number];
   const place = new Vector3().fromArray(geom.pos);
   geometry.applyMatrix4(new Matrix4().compose(place, new Quaternion(x, y, z, w), new Vector3(1, 1, 1)));
-  const tip = TIP_BODY.exec(geom.body);
-  const rgb = tip === null ? (geom.rgba.slice(0, 3) as unknown as Rgb) : fingerColor(FINGERS.indexOf(tip[1]!));
+  const rgb = geom.finger === null ? (geom.rgba.slice(0, 3) as unknown as Rgb) : fingerColor(geom.finger);
   const color = linear(rgb);
   const count = geometry.getAttribute("position").count;
   const colors = new Float32Array(count * 3);

@@ -361,8 +361,8 @@ def _groups(model: mujoco.MjModel, body: int) -> list[tuple[int, ...]]:
     hinges = [j for j in joints if model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_HINGE)]
     sliders = tuple(j for j in joints if j not in hinges)
     assert max(sliders, default=-1) < min(hinges, default=model.njnt), "sliders come first"
-    each = [(j,) for j in hinges]
-    return [sliders, *each] if sliders or not hinges else each
+    first_ones = [sliders] if sliders or not hinges else []
+    return first_ones + [(j,) for j in hinges]
 
 
 def _ways(offset: FloatArray) -> _Ways:

@@ -24,7 +24,8 @@ _TRIALS = 2
 _PULL = 0.01  # weight of a finger's distance from the resting posture, per rad
 # How firmly actuators are held, in multiples of that: the arm goes where it must.
 _FIRMNESS = {"along": 0.01, "across": 2.0, "wrist": 2.0, "abduction": 1.5, "finger": 1.0}
-_FIRMNESS |= {"up": 2.0, "roll": 2.0, "pitch": 2.0, "yaw": 2.0}
+# A forearm that turns with every note is played worse than one that gives way to the other alone.
+_FIRMNESS |= dict.fromkeys(("up", "roll", "pitch", "yaw"), 1000.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ LINES = {
     "cli": 3_204,
     "demonstrations": 1_505,
     "envs": 3_298,
-    "hands": 920,
+    "hands": 945,
     "hyperparams": 30,
     "interop": 240,
     "jobs": 962,
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_706
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_900, "modules": 328, "names": 224},
+    "core": {"lines": 48_920, "modules": 328, "names": 224},
     "lab": {"lines": 5_682, "modules": 43, "names": 23},
-    "tests": {"lines": 42_620},
+    "tests": {"lines": 42_720},
 }
 
 

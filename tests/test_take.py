@@ -100,7 +100,7 @@ def test_every_roll_out_yields_takes():
     assert len(take.qpos) == len(take.piano) + 1
 
 
-def test_a_midi_file_walks_through_nine_rooms_to_what_is_heard(capsys):
+def test_a_midi_file_walks_through_ten_rooms_to_what_is_heard(capsys):
     package = Path(sb3_piano.__file__).parent
     rooms = set()
 
@@ -119,7 +119,7 @@ def test_a_midi_file_walks_through_nine_rooms_to_what_is_heard(capsys):
         sys.setprofile(None)
     assert rooms == {
         *("cli", "training", "players", "music", "envs"),
-        *("simulation", "reading", "metrics", "viewing"),
+        *("hands", "simulation", "reading", "metrics", "viewing"),
     }
 
 

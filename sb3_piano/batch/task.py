@@ -97,7 +97,7 @@ class Heard:
         self.key_state, self.sounding = angle / self._highest, angle >= self._sounds
         if scene.sides:
             tips = worlds.site_xpos.index_select(1, self._tip_site)
-            everyone = len(scene.sides) > 1
+            everyone = len(self._fingers) == NUM_FINGERS
             self.fingertips = tips if everyone else self._far.index_copy(1, self._fingers, tips)
 
 

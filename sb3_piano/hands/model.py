@@ -44,7 +44,7 @@ def build_hand(
         ConfigError: If MuJoCo cannot read the hand's file, or that lacks what ``hand.yml`` names.
     """
     spec = _read(hand, side)
-    _check(spec, hand)
+    _check(spec, hand, side)
     _remove(spec, hand, set(hand.forearm.joints.values()) - set(forearm_dofs))
     if reduced_action_space:
         _reduce(spec, hand)
@@ -71,8 +71,13 @@ def _read(hand: HandSpec, side: Side) -> mujoco.MjSpec:
         raise ConfigError(f"'{file}' is no hand: {one_line(error)}.") from error
 
 
-def _check(spec: mujoco.MjSpec, hand: HandSpec) -> None:
-    """Refuse a model that lacks what ``hand.yml`` names, or whose fingertips are none."""
+def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
+    """Refuse a model that lacks what ``hand.yml`` names, or whose parts are of other kinds."""
+    if not spec.modelname.startswith(hand.prefix[side]):
+        raise ConfigError(
+            f"The {side} hand of '{hand.folder}' is the model {spec.modelname!r}: expected a name "
+            f"that begins with {hand.prefix[side]!r}."
+        )
     reduced = hand.reduced_action_space
     joints = (*hand.forearm.joints.values(), *hand.wrist, *hand.abduction, *hand.coupled)
     links = [link for links in hand.fingers.values() for link in links]
@@ -91,11 +96,24 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec) -> None:
                     f"{', '.join(sorted(known))}."
                 )
     for body in spec.bodies[1:]:
+        if not _is_simple(body):
+            raise ConfigError(
+                f"The joints of {body.name!r} of '{spec.modelname}' do not fit: expected sliders, "
+                "then hinges, at the body's origin."
+            )
         if hand.short(body.name) in hand.tips and not _is_fingertip(body):
             raise ConfigError(
                 f"The fingertip {body.name!r} of '{spec.modelname}' is none: expected a link whose "
                 "first geom is a capsule, with one site."
             )
+
+
+def _is_simple(body: mujoco.MjsBody) -> bool:
+    """Return whether a body has sliders, then hinges, where its frame is."""
+    kinds = [mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE]
+    order = [kinds.index(j.type) if j.type in kinds else -1 for j in body.joints]
+    is_ordered = order == sorted(order) and -1 not in order
+    return is_ordered and not any(joint.pos.any() for joint in body.joints)
 
 
 def _is_fingertip(body: mujoco.MjsBody) -> bool:

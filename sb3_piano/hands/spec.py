@@ -150,6 +150,8 @@ class HandSpec:
     """How far apart the fingers reach."""
 
     def __post_init__(self) -> None:
+        if len({*self.prefix.values(), ""}) < 3:
+            raise ConfigError(f"prefix is {self.prefix}: expected two texts, one for each side.")
         names = tuple(self.fingers)
         if len(names) < 3 or names != _FINGERS[: len(names)]:
             raise ConfigError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -18,6 +19,7 @@ from sb3_piano.music import Note, Score
 from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers import Excerpt, HandActions, HandReward, HideFingering
 
+LEAP = str(Path(__file__).parents[2] / "examples" / "leap_hand")
 FAST = {"physics": "fast", "initial_buffer_time": 0.2}
 
 
@@ -84,6 +86,11 @@ def assert_equal_episodes(wrappers=(), scores=SCORES, count=4, **options):
 @pytest.mark.parametrize("observation", ["roll", "fingers", "hands"])
 def test_observations_rewards_and_metrics_are_those_of_single_environments(observation):
     assert assert_equal_episodes(observation=observation) > 10
+
+
+@pytest.mark.parametrize("observation", ["roll", "fingers", "hands"])
+def test_a_hand_with_four_fingers_is_batched_as_well(observation):
+    assert_equal_episodes(HANDS[1:] * (observation == "hands"), hand=LEAP, observation=observation)
 
 
 def test_a_window_of_keys_is_cut_in_the_same_way():

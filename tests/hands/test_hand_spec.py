@@ -67,6 +67,7 @@ def test_roles_are_those_of_hand_yml():
         ("gaps: [0.012, ", "gaps: [", r"gaps.*3 distances: expected 4"),
         ("    - [0, 0, 0, 0, 0.012]\n", "", "reach.'nearest'. does not fit 5 fingers"),
         ("prefix: {", "prefix: [", "is no YAML"),
+        ("left: lh_}", "left: rh_}", "prefix is.*expected two texts"),
     ],
 )
 def test_what_is_wrong_in_hand_yml_is_told_with_its_path(own_hand, old, new, message):
@@ -88,6 +89,18 @@ def test_what_is_wrong_in_hand_yml_is_told_with_its_path(own_hand, old, new, mes
 def test_what_the_model_lacks_is_told_by_its_role(own_hand, old, new, message):
     change(own_hand / "hand.yml", old, new)
     with pytest.raises(ConfigError, match=message):
+        compile_scene(hand=str(own_hand))
+
+
+def test_each_side_s_model_has_a_name_of_its_own(own_hand):
+    change(own_hand / "left.xml", 'model="lh_shadow_hand"', 'model="rh_shadow_hand"')
+    with pytest.raises(ConfigError, match="left hand of .* begins with 'lh_'"):
+        compile_scene(hand=str(own_hand))
+
+
+def test_joints_that_kinematics_does_not_know_are_refused(own_hand):
+    change(own_hand / "right.xml", '<joint name="rh_WRJ1"', '<joint name="rh_WRJ1" pos="0 0 0.01"')
+    with pytest.raises(ConfigError, match="joints of 'rh_palm'.*then hinges, at the body's origin"):
         compile_scene(hand=str(own_hand))
 
 

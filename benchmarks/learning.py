@@ -308,6 +308,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     study = Study.from_yaml(given.study, given.out)
     if not given.report:
         train_all(study, given.out, given.jobs)
+    elif not any(file_of(given.out, *cell).is_file() for cell in study.cells()):
+        parser.error(
+            f"There is no training of '{given.study}' in '{given.out}': expected one that has "
+            "ended. Give the command without --report first."
+        )
     report(study, given.out)
 
 

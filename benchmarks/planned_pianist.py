@@ -1,4 +1,4 @@
-"""What plays without training, on built-in pieces: the table of docs/planned_pianist.md.
+"""What plays without training, on built-in pieces: the table of docs/planned_pianist_results.md.
 
     python benchmarks/planned_pianist.py --out planned.csv
     python benchmarks/planned_pianist.py --pieces debug FurElise --columns planned --out few.csv

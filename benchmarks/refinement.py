@@ -1,4 +1,4 @@
-"""Refined plans beside predictive sampling: a table of docs/planned_pianist.md.
+"""Refined plans beside predictive sampling: a table of docs/planned_pianist_results.md.
 
     python benchmarks/refinement.py --seconds 8 --passes 2
     python benchmarks/refinement.py --pieces ChopinNocturneOp9No2 MapleLeafRag --seconds 15

@@ -12,11 +12,11 @@ STEPS = 12_000  # of hands, of which there are two
 
 def main() -> None:
     config = load_config("sac", ENV_ID, "fast", n_timesteps=STEPS, seed=0)
-    run = train(config, runs_dir="runs").folder
-    found = evaluate(run.path)
+    done = train(config, runs_dir="runs")
+    found = evaluate(done.folder.path)
     assert found.baseline is not None, "a piano has resting hands to compare with"
     learnt, resting = (metrics["f1"] for metrics in (found.mean, found.baseline))
-    print(f"F1 after {STEPS} steps {learnt:.2f}, of resting hands {resting:.2f}")
+    print(f"F1 after {done.num_timesteps} steps {learnt:.2f}, of resting hands {resting:.2f}")
 
 
 if __name__ == "__main__":

@@ -31,7 +31,8 @@ from sb3_piano.training import (
     train,
     write_report,
 )
-from sb3_piano.training.playing.player import player_to_record, stage_for
+from sb3_piano.training.playing.player import stage_for
+from sb3_piano.training.playing.recording import player_to_record
 
 STEPS = 80_000
 EPISODES = 24

@@ -6,10 +6,11 @@ built-in exception that a caller who does not know this package would catch.
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import errno
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from sb3_piano.text import told
 
@@ -63,6 +64,19 @@ class RenderingError(SB3PianoError, RuntimeError):
 
 class RunError(SB3PianoError, RuntimeError):
     """A training run's folder cannot be created, read or continued."""
+
+
+@contextlib.contextmanager
+def naming(place: str, kind: type[SB3PianoError] = ConfigError) -> Iterator[None]:
+    """Let the message of an error begin with where something is wrong.
+
+    Raises:
+        ConfigError: In place of one of the ``kind``.
+    """
+    try:
+        yield
+    except kind as error:
+        raise ConfigError(f"{place}: {error}") from error
 
 
 def one_line(error: BaseException) -> str:

@@ -11,6 +11,7 @@ import contextlib
 import itertools
 import os
 import platform
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -141,8 +142,13 @@ def torch_computing(
             ``"medium"`` allows factors to be rounded to bfloat16. With it torch takes oneDNN's
             products in place of MKL's, which on AMD's processors with AVX-512 do not round and are
             twice as fast.
+
+    Where torch is not loaded there is nothing to set.
     """
-    import torch  # here, since environments alone do without
+    if sys.modules.get("torch") is None:  # what plays without it stays without it
+        yield
+        return
+    import torch
 
     former = torch.get_num_threads()
     former_precision = torch.get_float32_matmul_precision()

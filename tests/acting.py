@@ -36,6 +36,19 @@ class ActAt(BaseCallback):
         return True
 
 
+class Noted(BaseCallback):
+    """Note what a function of the callback finds in each step, unless that is ``None``."""
+
+    def __init__(self, look):
+        super().__init__()
+        self.look, self.seen = look, []
+
+    def _on_step(self):
+        found = self.look(self)
+        self.seen += [] if found is None else [found]
+        return True
+
+
 def act_at(step, action):
     return {f"{__name__}.ActAt": {"step": step, "action": action}}
 

@@ -82,7 +82,7 @@ def test_means_are_over_pieces_that_all_columns_have(table, capsys):
 def test_the_table_of_the_page_is_that_of_the_file_beside_it(table, capsys):
     rows = table.read_rows(DOCS / "planned_pianist.csv")
     assert len({piece for piece, _ in rows}) == 99
-    page = (DOCS / "planned_pianist.md").read_text(encoding="utf-8").splitlines()
+    page = (DOCS / "planned_pianist_results.md").read_text(encoding="utf-8").splitlines()
     heading = next(line for line in page if line.startswith("| group |"))
     columns = heading.strip("| ").split(" | ")[4:]
     assert columns[:2] == ["planned", "sight-reader"]
@@ -172,6 +172,14 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     printed = capsys.readouterr().out
     assert "| strikes | TwinkleTwinkle | 2 |" in printed
     assert (out / "curves.png").stat().st_size > 10_000
+
+
+def test_a_report_of_no_training_is_refused_in_a_sentence(tmp_path, capsys):
+    file = tmp_path / "study.yml"
+    file.write_text(yaml.safe_dump(STUDY))
+    with pytest.raises(SystemExit):
+        learning["main"]([str(file), "--out", str(tmp_path / "out"), "--report"])
+    assert "expected one that has ended" in capsys.readouterr().err
 
 
 @pytest.mark.slow

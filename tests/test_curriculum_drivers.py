@@ -100,7 +100,7 @@ def test_practice_is_what_a_cell_starts_from(driver, tmp_path):
     assert seed == 1
     assert last == tmp_path / "practice_seed_1" / "3_tempo_40"
     config = grid.cell("hidden", 1.0, last, 1, 40)
-    job = grid.training("Hanon_hidden_1", tmp_path / "cell", config)
+    job = grid.TrainingJob(name="Hanon_hidden_1", folder=tmp_path / "cell", config=config)
     (outcome,) = grid.finish([job], workers=1)
     assert outcome.error is None
     assert {*grid.METRICS} <= {*outcome.result["metrics"]}

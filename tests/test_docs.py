@@ -12,7 +12,7 @@ import yaml
 from fresh_python import run_python
 
 from sb3_piano.cli import main
-from sb3_piano.cli.main import _parser
+from sb3_piano.cli.main import parser_of
 from sb3_piano.envs import ENV_IDS, GENERAL_ID
 from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.music.built_in import ENCORE, REPERTOIRE
@@ -22,7 +22,7 @@ from sb3_piano.training.runs.builders import build_callbacks
 
 ROOT = Path(__file__).parents[1]
 IDS = (ROOT / "docs" / "environments.md").read_text(encoding="utf-8")
-PAGE = (ROOT / "docs" / "repertoire.md").read_text(encoding="utf-8")
+SOURCES = (ROOT / "docs" / "sources.md").read_text(encoding="utf-8")
 BLOCKS = {
     page.name: found
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -116,6 +116,13 @@ def test_every_link_leads_to_a_file_and_a_heading_that_exist():
                 assert anchor in slugs, f"{page.name}: {link}"
 
 
+def test_a_page_has_at_most_200_lines():
+    """A longer one is two pages: what to do, and how it was found out."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    lines = {page.name: len(page.read_text(encoding="utf-8").splitlines()) for page in pages}
+    assert {name: count for name, count in lines.items() if count > 200} == {}
+
+
 def test_nothing_says_to_install_the_package_from_an_index_where_it_is_not():
     """Whoever registered its name there could have any program run."""
     folders = (ROOT / name for name in ("sb3_piano", "docs", "examples", "web/src", "benchmarks"))
@@ -126,7 +133,7 @@ def test_nothing_says_to_install_the_package_from_an_index_where_it_is_not():
 
 
 @pytest.mark.parametrize(("name", "pieces"), [("repertoire", REPERTOIRE), ("encore", ENCORE)])
-def test_the_page_of_the_repertoire_tells_what_its_tables_say(name, pieces):
+def test_the_page_of_sources_has_the_facts_of_the_tables_of_pieces(name, pieces):
     table = ROOT / "sb3_piano" / "music" / name / "pieces.yml"
     facts = yaml.safe_load(table.read_text("utf-8"))
     assert [name.partition("-")[2] for name in pieces] == list(facts)
@@ -134,7 +141,7 @@ def test_the_page_of_the_repertoire_tells_what_its_tables_say(name, pieces):
         entry = f"**`{name}`**: {piece['composer']}, *{piece['title']}*. {piece['source']}"
         if "simplified" in piece:
             entry += f" Simplified: {piece['simplified']}"
-        assert entry in " ".join(PAGE.split())
+        assert entry in " ".join(SOURCES.split())
 
 
 @pytest.mark.slow
@@ -171,7 +178,7 @@ def test_the_commands_of_a_page_are_ones_that_there_are(name):
     commands = commands_of(ROOT / "docs" / f"{name}.md")
     assert commands
     for arguments in commands:
-        _parser().parse_args(arguments)
+        parser_of().parse_args(arguments)
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)

@@ -23,6 +23,7 @@ ROOT = Path(__file__).parents[1]
 ROOMS = [
     "text",
     "exceptions",
+    "imports",
     "user_data",
     "registration",
     "settings",
@@ -148,6 +149,47 @@ def test_what_takes_long_to_be_imported_is_not_where_it_is_not_needed(program, u
     done = run(told + program)
     assert done.returncode == 0
     assert not unneeded & set(done.stderr.split())
+
+
+TO_PLAY = (PACKAGE.parent / "requirements-play.txt").read_text().splitlines()
+
+# What players never see: all that requirements-play.txt leaves out.
+WITHOUT = """
+import importlib.metadata, re, sys
+listed = {{re.sub("[_-]", "", name).lower() for name in {listed}}} | {{"sb3piano"}}
+for module, homes in importlib.metadata.packages_distributions().items():
+    if not listed & {{re.sub("[_-]", "", home).lower() for home in homes}}:
+        sys.modules[module] = None  # importing it raises ImportError
+from sb3_piano.cli import main
+sys.exit(main({arguments}))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("more", "arguments", "code", "said"),
+    [
+        ([], ["--no-video"], 0, "F1 0.9"),
+        ([], ["--no-video", "--player", "planned"], 0, "F1 0.9"),
+        ([], ["--size", "64x36"], 2, "There is no video. A video needs ffmpeg"),
+        ([], ["--no-video", "--report"], 2, "A page needs plotly, which is not installed"),
+        (
+            ["imageio-ffmpeg", "plotly", "narwhals"],
+            ["--view", "roll", "--size", "64x36", "--report"],
+            0,
+            "report.html",
+        ),
+    ],
+    ids=["sight-reader", "planned", "no ffmpeg", "no plotly", "all that is seen"],
+)
+def test_what_requirements_play_lists_is_enough_to_play(more, arguments, code, said, tmp_path):
+    listed = [line for line in TO_PLAY if not line.startswith("#")]
+    piece = ["--set", "physics=fast", "--out", str(tmp_path), "--no-progress"]
+    command = ["play", "debug-CMajorScaleOneHand", *piece, *arguments]
+    done = run(WITHOUT.format(listed=listed + more, arguments=command))
+    assert done.returncode == code, done.stderr
+    assert said in done.stdout + done.stderr
+    assert (tmp_path / "performance.mid").exists()
 
 
 def test_a_part_of_the_package_is_imported_when_it_is_asked_for():

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
@@ -80,3 +81,9 @@ def test_the_installed_wheel_makes_an_env_and_loads_a_preset(built, tmp_path):
     elsewhere.mkdir()
     imported = run(sys.executable, "-c", USE, cwd=elsewhere, env=os.environ | {"PYTHONPATH": site})
     assert Path(imported.strip()) == site / "sb3_piano" / "__init__.py"
+
+
+def test_type_checkers_find_an_editable_install():
+    """They follow a path, and no finder, which setuptools would write for this layout."""
+    installed = Path(sysconfig.get_path("purelib"))
+    assert not [*installed.glob("__editable__*sb3_piano*finder.py")]

@@ -18,7 +18,7 @@ from lxml import html
 from mkdocs.config.defaults import MkDocsConfig
 
 from sb3_piano.envs import PianoEnvConfig
-from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
+from sb3_piano.envs.terms import DEFAULT_REWARD_WEIGHTS
 from sb3_piano.lab.results import Results
 from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.music.built_in import REPERTOIRE

@@ -26,11 +26,14 @@ class Tables:
         """Return a table as it is."""
         return self._tables[name]
 
-    def __call__(self, arguments: str) -> Callable[[Any], Any]:
-        """Return the decorator that makes a case of each row of the test's table."""
+    def __call__(self, arguments: str, **options: Any) -> Callable[[Any], Any]:
+        """Return the decorator that makes a case of each row of the test's table.
+
+        ``options`` are those of ``pytest.mark.parametrize``.
+        """
 
         def of_each_row(test: Any) -> Any:
             rows = self._tables[test.__name__.removeprefix("test_")]
-            return pytest.mark.parametrize(arguments, rows)(test)
+            return pytest.mark.parametrize(arguments, rows, **options)(test)
 
         return of_each_row

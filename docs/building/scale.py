@@ -16,11 +16,11 @@ CORES = (2, 16)
 """Cores of a machine: as measured, and of a usual one."""
 
 EXCERPTS_PER_S = 1.1
-"""Excerpts of 12 s that one core plays and labels, 1/s (docs/sight_reader.md)."""
+"""Excerpts of 12 s that one core plays and labels, 1/s (docs/sight_reader_training.md)."""
 IMITATION_PER_EXCERPT = 7 * 60 * 2 / 500
-"""Core seconds of the first two rounds, for 500 excerpts (docs/sight_reader.md)."""
+"""Core seconds of the first two rounds, for 500 excerpts (docs/sight_reader_training.md)."""
 PPO = 52 * 60 * 2
-"""Core seconds of 2.8 million control steps of PPO, on two cores (docs/sight_reader.md)."""
+"""Core seconds of 2.8 million steps of PPO, on two cores (docs/sight_reader_training.md)."""
 SAC_STEPS_PER_S = 240_000 / (21 * 60)
 """Control steps that `--config fast` learns from on one core, 1/s (docs/learning.md)."""
 DEFAULT_SAC_STEPS_PER_S = 38.0

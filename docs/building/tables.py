@@ -14,9 +14,7 @@ from typing import Any, Literal
 import griffe
 
 from sb3_piano.envs import PianoEnvConfig
-from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS as DEFAULT
-from sb3_piano.envs.rewards import RETURN_PREFIX
-from sb3_piano.envs.rewards import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED
+from sb3_piano.envs.terms import SELF_ACTUATED_TERMS, TERMS
 from sb3_piano.lab.results import Results
 from sb3_piano.lab.results.records import Result
 from sb3_piano.lab.results.tables import aggregate_table, origin_table, score_table
@@ -71,25 +69,14 @@ def _default(field: dataclasses.Field[Any]) -> str:
 
 def reward_terms() -> str:
     """Return every term of the reward, with its default weights."""
-    terms = _package()["envs.rewards"]
     lines = ["| term | weight | weight without hands | meaning |", "|---|---:|---:|---|"]
-    for name in dict.fromkeys([*DEFAULT, *SELF_ACTUATED]):
-        usual, without = (_weight(weights, name) for weights in (DEFAULT, SELF_ACTUATED))
-        lines.append(f"| `{name}` | {usual} | {without} | {_term(terms, name)} |")
+    for name, term in {**TERMS, **SELF_ACTUATED_TERMS}.items():
+        both = (TERMS, SELF_ACTUATED_TERMS)
+        usual, without = (f"{of[name].weight:g}" if name in of else "" for of in both)
+        assert term.value.__doc__ is not None, f"the term {name} has no docstring"
+        meaning = term.value.__doc__.partition("\n")[0]
+        lines.append(f"| `{name}` | {usual} | {without} | {meaning} |")
     return "\n".join(lines)
-
-
-def _term(module: griffe.Object | griffe.Alias, name: str) -> str:
-    """Return what a term is: by its function, or in words where several compute it."""
-    if name not in module.members:
-        return DEFINITIONS[RETURN_PREFIX + name].meaning
-    docstring = module[name].docstring
-    assert docstring is not None, f"the term {name} has no docstring"
-    return str(docstring.value.partition("\n")[0])
-
-
-def _weight(weights: Mapping[str, float], name: str) -> str:
-    return f"{weights[name]:g}" if name in weights else ""
 
 
 def metrics() -> str:

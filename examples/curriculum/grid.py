@@ -25,7 +25,7 @@ from seeds import over_seeds
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs import Outcome, finish, map_jobs, open_executor
-from sb3_piano.pipelines import load_curriculum, run_curriculum, training
+from sb3_piano.pipelines import TrainingJob, load_curriculum, run_curriculum
 from sb3_piano.training import Plugin, RunConfig, load_config
 
 HERE = Path(__file__).parent
@@ -62,10 +62,12 @@ def main() -> int:
             practice = [Practice(runs, seed, steps) for seed in seeds]
             starts = dict(map_jobs(executor, practised, practice, request))
             jobs = [
-                training(
-                    f"{before}_{labels}_{weight:g}_seed_{seed}",
-                    runs / f"{before}_{labels}_{weight:g}_seed_{seed}",
-                    cell(labels, weight, starts[seed] if before == "Hanon" else None, seed, steps),
+                TrainingJob(
+                    name=f"{before}_{labels}_{weight:g}_seed_{seed}",
+                    folder=runs / f"{before}_{labels}_{weight:g}_seed_{seed}",
+                    config=cell(
+                        labels, weight, starts[seed] if before == "Hanon" else None, seed, steps
+                    ),
                 )
                 for before, labels, weight in cells
                 for seed in arguments.seeds

@@ -50,12 +50,14 @@ def main() -> int:
                 steps = 8 if policy == UNTRAINED else arguments.steps
                 run = trained(folder, UNSEEN if policy == UNTRAINED else policy, seed, steps)
                 if run.interrupted:
-                    print("Interrupted: the same command goes on from here.")
-                    return 130
+                    raise KeyboardInterrupt
                 found.append(played(folder, piece, tree, run.num_timesteps))
             columns = zip(*found, strict=True)
             measured = [[value for value in column if value is not None] for column in columns]
             rows.append((policy, piece, tree or "-", *map(over_seeds, measured)))
+    except KeyboardInterrupt:
+        print("Interrupted: the same command goes on from here.")
+        return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
     for row in rows:

@@ -24,8 +24,7 @@ from cells import RUNS, SIGHT_READER, STUDY, Cell, Training, find_cells
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import RunError, SB3PianoError
 from sb3_piano.jobs import Outcome, finish
-from sb3_piano.pipelines import training as training_job
-from sb3_piano.pipelines.training import TrainingJob
+from sb3_piano.pipelines import TrainingJob
 from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.training import EnvSpec, RunFolder
@@ -83,10 +82,10 @@ def in_waves(todo: Sequence[Training]) -> Iterator[list[Training]]:
 
 def job_of(training: Training, runs: Path, changed: dict[str, Any], bar: bool) -> TrainingJob:
     """Return what brings a training to its end."""
-    return training_job(
-        str(training.folder),
-        runs / training.folder,
-        training.config(runs, **changed),
+    return TrainingJob(
+        name=str(training.folder),
+        folder=runs / training.folder,
+        config=training.config(runs, **changed),
         progress_bar=bar,
     )
 

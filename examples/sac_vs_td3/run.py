@@ -18,7 +18,7 @@ from cells import RUNS, find_cells
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.jobs import Outcome, finish
-from sb3_piano.pipelines import training
+from sb3_piano.pipelines import TrainingJob
 
 
 def main() -> int:
@@ -40,10 +40,10 @@ def main() -> int:
     changed = {name: value for name, value in changed.items() if value is not None}
     try:
         jobs = [
-            training(
-                f"{cell.name}, seed {seed}",
-                cell.run_folder(arguments.runs, seed),
-                cell.config(seed, **changed),
+            TrainingJob(
+                name=f"{cell.name}, seed {seed}",
+                folder=cell.run_folder(arguments.runs, seed),
+                config=cell.config(seed, **changed),
                 progress_bar=workers == 1 and not arguments.no_progress,
             )
             for seed in arguments.seeds

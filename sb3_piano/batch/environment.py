@@ -101,6 +101,17 @@ class BatchedPiano:
         checked("metrics", metrics, Literal["all", "sums"])
         scores = [score] if isinstance(score, str) or not isinstance(score, Sequence) else score
         env: Any = PianoEnv(scores[0], **options)
+        if env.config.observation_blocks:
+            raise ConfigError(
+                f"Observation block {env.config.observation_blocks[0].__name__} sees one "
+                "environment and cannot be batched: expected no observation_blocks; or single "
+                "environments."
+            )
+        if env.config.reward_terms:
+            raise ConfigError(
+                f"Reward term {next(iter(env.config.reward_terms))!r} sees one environment and "
+                "cannot be batched: expected no reward_terms; or single environments."
+            )
         self.piano: PianoEnv = env
         """The environment that is batched: its scene, spaces, settings; no world of the batch."""
         if moving_keys is not None:

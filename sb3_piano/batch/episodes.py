@@ -12,8 +12,7 @@ from sb3_piano.batch.tables import Pieces
 from sb3_piano.batch.task import Heard
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs.record import EnvState, EpisodeRecord
-from sb3_piano.envs.rewards import RETURN_PREFIX
-from sb3_piano.metrics.episode import normalized_return
+from sb3_piano.metrics.episode import RETURN_PREFIX, normalized_return
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 
 

@@ -11,7 +11,8 @@ import torch
 from sb3_piano.batch.tables import Pieces
 from sb3_piano.batch.task import Heard, at
 from sb3_piano.batch.worlds import Tensor, Worlds
-from sb3_piano.envs.encodings import Encoding, FingerEncoding, RollEncoding
+from sb3_piano.envs.blocks import Encoding
+from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
 from sb3_piano.envs.hand_encoding import FRAMES_AHEAD, PRESSES_AHEAD, HandEncoding
 
 _DM_PER_M = 10.0
@@ -112,10 +113,11 @@ class HandObservations(Observations):
         self._joint_sign = self._number(encoding.joint_sign)
         self._slider, self._slope = encoding.slider, encoding.slope
         self._middle = encoding.hands[0].middle
-        self._nearest, self._lowest = self._index(encoding.nearest), encoding.lowest
+        keys = encoding.keys
+        self._nearest, self._lowest = self._index(keys.nearest), keys.lowest
         self._places = self._number(encoding.places.y)
-        self._black = self._number(encoding.black).float()
-        self._around = self._index(np.array([-1, 0, 1]) * encoding.sign.astype(int))[:, None] + 1
+        self._black = self._number(keys.black).float()
+        self._around = self._index(keys.around)
 
     def write(self, row: Tensor) -> Tensor:
         """Return the observations; see :meth:`Observations.write`."""

@@ -1,4 +1,4 @@
-"""Replay buffers for Stable-Baselines3 that know what a piano observation is made of."""
+"""Replay buffers for Stable-Baselines3 that exploit the layout of piano observations."""
 
 from sb3_piano.buffers.compact import (
     CompactDictReplayBuffer,

@@ -1,4 +1,4 @@
-"""Replay buffers that store each observation once, and numbers that are 0 or 1 as bits."""
+"""Replay buffers that store each observation once, and binary numbers as bits."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from sb3_piano.buffers.rings import Rings
 
 
 class CompactReplayBuffer(Rings, ReplayBuffer):
-    """A ``ReplayBuffer`` that takes a tenth of the memory and gives the same samples.
+    """``ReplayBuffer`` with the same samples from a tenth of the memory.
 
-    With equal transitions and an equal global seed of numpy its batches are those of
+    With equal transitions and an equal global seed of numpy its batches equal those of
     ``ReplayBuffer``, number for number. A million transitions of the full piano observation take
-    0.84 GB in place of 9.16 GB: the blocks that the layout of the observation space calls binary
-    are stored as bits, and a next observation only where it is not the observation of the row after
-    it. Time limits are handled as usual, unlike with ``optimize_memory_usage``.
+    0.84 GB in place of 9.16 GB: binary blocks of the observation's layout are stored as bits, and a
+    next observation only if it differs from the observation of the next row. Time limits are
+    handled as usual, unlike with ``optimize_memory_usage``.
 
     For any algorithm with a replay buffer: ``replay_buffer_class=CompactReplayBuffer``, or in YAML
     ``replay_buffer_class: sb3_piano.buffers.CompactReplayBuffer``. As with any
@@ -36,7 +36,7 @@ class CompactReplayBuffer(Rings, ReplayBuffer):
 
 
 class CompactNStepReplayBuffer(NStepReplayBuffer, CompactReplayBuffer):
-    """An ``NStepReplayBuffer`` that stores its transitions as :class:`CompactReplayBuffer` does.
+    """``NStepReplayBuffer`` with the storage of :class:`CompactReplayBuffer`.
 
     Its two further arguments are given by
     ``replay_buffer_kwargs={"n_steps": 3, "gamma": 0.99}``; the algorithm's own ``n_steps`` is not
@@ -45,10 +45,10 @@ class CompactNStepReplayBuffer(NStepReplayBuffer, CompactReplayBuffer):
 
 
 class CompactDictReplayBuffer(Rings, DictReplayBuffer):
-    """A ``DictReplayBuffer`` that holds each observation once and gives the same samples.
+    """``DictReplayBuffer`` that stores each observation once and returns the same samples.
 
-    What :class:`~sb3_piano.buffers.CompactReplayBuffer` does for one array it does for each of a
-    ``Dict``: pictures take half the memory, the piano's vectors a tenth. Its arguments are those of
+    It compresses each array of a ``Dict`` as :class:`~sb3_piano.buffers.CompactReplayBuffer` does:
+    pictures take half the memory, the piano's vectors a tenth. Its arguments are those of
     ``DictReplayBuffer``.
 
     Raises:

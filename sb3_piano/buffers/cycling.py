@@ -1,4 +1,4 @@
-"""A replay buffer for each environment, from which updates learn in turn."""
+"""Replay buffer that samples from one environment after the other."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from sb3_piano.buffers.compact import CompactReplayBuffer
 
 
 class CyclingReplayBuffer(CompactReplayBuffer):
-    """A ``CompactReplayBuffer`` whose batches come from one environment each, in turn.
+    """``CompactReplayBuffer`` that takes each batch from one environment, in turn.
 
-    The k-th batch has transitions of environment k modulo the number of environments. Where each of
-    them plays a piece of its own (``pieces`` in YAML), every piece has a replay buffer, and updates
-    go round the pieces; with :class:`CompactReplayBuffer` each batch is drawn from all of them, in
-    equal shares on average. A training that is resumed begins with environment 0 again. As there,
+    The k-th batch has transitions of environment k modulo the number of environments. If each
+    environment plays its own piece (``pieces`` in YAML), every piece has a replay buffer, and
+    updates alternate between pieces; :class:`CompactReplayBuffer` draws each batch from all of
+    them, in equal shares on average. A resumed training begins with environment 0 again.
     ``buffer_size`` counts the transitions of all environments together.
 
     Source: RoboVirtuoso (2023), section 4.2: "we give each environment its own replay buffer and
@@ -31,7 +31,7 @@ class CyclingReplayBuffer(CompactReplayBuffer):
     def _get_samples(
         self, batch_inds: npt.NDArray[np.intp], env: VecNormalize | None = None
     ) -> ReplayBufferSamples:
-        """Return the transitions at (n,) rows of the environment whose turn it is."""
+        """Return the transitions at (n,) rows of the next environment in turn."""
         envs = np.full(len(batch_inds), self._turn)
         self._turn = (self._turn + 1) % self.n_envs
         ended = self.dones[batch_inds, envs] * (1 - self.timeouts[batch_inds, envs])

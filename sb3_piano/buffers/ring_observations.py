@@ -1,4 +1,4 @@
-"""Observations of a replay buffer: stored once each, and numbers that are 0 or 1 as bits."""
+"""Observations of a replay buffer: stored once each, binary numbers as bits."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Observations = npt.NDArray[np.generic]
 
 
 class ObservationPacking:
-    """Turns observations of a space into bytes and back.
+    """Convert observations of a space to bytes and back.
 
     First come the ordinary columns, as they are in memory, then one bit for each column of the
     blocks that the layout of an :class:`~sb3_piano.envs.ObservationSpace` calls binary. Any other
     space has ordinary columns only.
 
     Args:
-        space: What the observations are like; not a ``Dict``.
+        space: Space of the observations; not a ``Dict``.
     """
 
     def __init__(self, space: spaces.Space):
@@ -48,7 +48,7 @@ class ObservationPacking:
         """Bytes of one packed observation."""
 
     def pack(self, observations: Observations) -> tuple[Bytes, npt.NDArray[np.bool_]]:
-        """Return observations as bytes, and which of them these bytes hold exactly.
+        """Return observations as bytes, and a mask of those that the bytes hold exactly.
 
         Args:
             observations: (n, ...) of the space's dtype.
@@ -66,7 +66,7 @@ class ObservationPacking:
         return packed, np.count_nonzero(ones, axis=1) == np.count_nonzero(values, axis=1)
 
     def unpack(self, packed: Bytes) -> Observations:
-        """Return what :meth:`pack` packed: (n, width) uint8 become (n, ...) of the dtype."""
+        """Invert :meth:`pack`: (n, width) uint8 become (n, ...) of the dtype."""
         flat = np.empty((len(packed), len(self.binary)), dtype=self.dtype)
         plain = np.ascontiguousarray(packed[:, : self._plain_width]).view(self.dtype)
         _set_columns(flat, self._plain, plain)
@@ -75,7 +75,7 @@ class ObservationPacking:
         return flat.reshape(len(packed), *self.shape)
 
     def not_binary(self, observations: Observations) -> ConfigError:
-        """Return the error for observations, one per environment, that cannot be packed."""
+        """Return the error for observations with a non-binary number, one per environment."""
         flat = observations.reshape(len(observations), -1)
         env, column = np.argwhere(self.binary & (flat != 0) & (flat != 1))[0]
         blocks = () if self._layout is None else self._layout.values()
@@ -89,7 +89,7 @@ class ObservationPacking:
 
 
 def _runs(columns: npt.NDArray[np.bool_]) -> tuple[slice, ...]:
-    """Return the stretches of neighbouring true columns; slices copy much faster than indices."""
+    """Return slices of neighbouring true columns, which copy much faster than indices."""
     edges = np.flatnonzero(np.diff(columns, prepend=False, append=False))
     return tuple(slice(int(a), int(b)) for a, b in edges.reshape(-1, 2))
 
@@ -121,8 +121,8 @@ class RingObservations:
     A *place* is one environment's part of a row: ``row * n_envs + env``.
 
     Args:
-        packing: How an observation is turned into bytes.
-        capacity: How many rows there are.
+        packing: Conversion of observations to bytes.
+        capacity: Number of rows.
         n_envs: Environments, thus observations, in a row.
     """
 
@@ -139,7 +139,7 @@ class RingObservations:
         return self._packed.nbytes
 
     def __setitem__(self, row: int, observations: Observations) -> None:
-        """Store one row, (n_envs, ...); a ConfigError tells of a binary number that is none."""
+        """Store one row, (n_envs, ...); raise ConfigError for a non-binary number."""
         observations = observations.astype(self.packing.dtype, copy=False)
         packed, exact = self.packing.pack(observations)
         if not exact.all():
@@ -147,11 +147,11 @@ class RingObservations:
         self._packed[row * self.n_envs : (row + 1) * self.n_envs] = packed
 
     def __getitem__(self, index: Index) -> Observations:
-        """Return (n, ...) observations, a copy."""
+        """Return a copy of observations, (n, ...)."""
         return self.packing.unpack(self.packed_at(index[0] * self.n_envs + index[1]))
 
     def packed_at(self, places: IntArray) -> Bytes:
-        """Return (n, width) uint8, the observations at (n,) places, a copy."""
+        """Return a copy of packed observations, (n, width) uint8, at (n,) places."""
         return self._packed.take(places, axis=0)
 
     def bytes_at(self, place: int) -> bytes:
@@ -159,12 +159,12 @@ class RingObservations:
         return self._packed[place].tobytes()
 
     def take_rows(self, rows: IntArray) -> Arrays:
-        """Return (n,) rows as arrays that :meth:`put_rows` understands."""
+        """Return (n,) rows as arrays for :meth:`put_rows`."""
         packed = self._packed.reshape(self.capacity, self.n_envs, -1)[rows]
         return {"binary_columns": self.packing.binary, "packed_observations": packed}
 
     def put_rows(self, rows: IntArray, saved: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Set (n,) rows to what :meth:`take_rows` gave.
+        """Set (n,) rows to arrays of :meth:`take_rows`.
 
         Raises:
             RunError: If they are rows of other observations.
@@ -178,12 +178,12 @@ class RingObservations:
 
 
 class RingNextObservations:
-    """The next observations of a ring of rows, of which only the unusual ones are stored.
+    """Next observations of a ring of rows; stores only those that the next row lacks.
 
-    Mostly a transition's next observation is the observation of the row after it. It has a copy of
-    its own where that is not so, at the end of an episode or where another one was begun instead,
-    and in the two newest rows. How many copies there will be is not known, so they are kept as
-    ``bytes`` in a dictionary by place, which also reuses the memory of those let go.
+    A transition's next observation usually is the observation of the next row. It has its own copy
+    otherwise: at the end of an episode, at an interrupted episode, and in the two newest rows. As
+    the number of copies is unknown, they are ``bytes`` in a dictionary by place, which also reuses
+    the memory of deleted ones.
 
     ``VecNormalize`` gives back the last observation of an episode rounded and clipped: a 1 may
     become 0.9999999. Such copies are kept unpacked, recognised by their greater length.
@@ -198,12 +198,12 @@ class RingNextObservations:
 
     @property
     def nbytes(self) -> int:
-        """Bytes in use, with those that Python needs for the dictionary and its objects."""
+        """Bytes in use, including Python's dictionary and its objects."""
         sizes = sum(sys.getsizeof(item) for pair in self._own.items() for item in pair)
         return sys.getsizeof(self._own) + sizes
 
     def __setitem__(self, row: int, next_observations: Observations) -> None:
-        """Store one row, (n_envs, ...); rows are stored one after the other."""
+        """Store one row, (n_envs, ...); rows must come in order."""
         n_envs, packing = self._observations.n_envs, self._observations.packing
         next_observations = next_observations.astype(packing.dtype, copy=False)
         packed, exact = packing.pack(next_observations)
@@ -214,7 +214,7 @@ class RingNextObservations:
             self._own[row * n_envs + env] = copy.tobytes()
 
     def __getitem__(self, index: Index) -> Observations:
-        """Return (n, ...) next observations, a copy."""
+        """Return a copy of next observations, (n, ...)."""
         n_envs, packing = self._observations.n_envs, self._observations.packing
         places = index[0] * n_envs + index[1]
         packed = self._observations.packed_at((places + n_envs) % self._observations.n_places)
@@ -237,7 +237,7 @@ class RingNextObservations:
         self._own.clear()
 
     def take_rows(self, rows: IntArray) -> Arrays:
-        """Return the copies of (n,) rows as arrays that :meth:`put_rows` understands."""
+        """Return the copies of (n,) rows as arrays for :meth:`put_rows`."""
         places = self._places(rows)
         at = [item for item, place in enumerate(places) if place in self._own]
         own = [self._own[places[item]] for item in at]
@@ -248,7 +248,7 @@ class RingNextObservations:
         }
 
     def put_rows(self, rows: IntArray, saved: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Set the copies of (n,) rows to what :meth:`take_rows` gave."""
+        """Set the copies of (n,) rows to arrays of :meth:`take_rows`."""
         count = len(saved.get("own_at", ()))
         at = check_array(saved, "own_at", (count,), np.int64)
         sizes = check_array(saved, "own_sizes", (count,), np.int64)

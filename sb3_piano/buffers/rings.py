@@ -1,4 +1,4 @@
-"""What the compact replay buffers share: rings of observations in place of SB3's arrays."""
+"""Base of the compact replay buffers: rings of observations in place of SB3's arrays."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from sb3_piano.buffers.rows import ArrayRows, IntArray
 from sb3_piano.exceptions import ConfigError
 
 NO_NUMBERS = spaces.Box(0.0, 1.0, (0,))
-"""Space with which SB3 makes arrays that take no memory."""
+"""Space for which SB3's arrays take no memory."""
 
 
 class Rings(ReplayBuffer):
-    """A ``ReplayBuffer`` whose observations are in rings, by name; a single array's name is "".
+    """``ReplayBuffer`` with observations in rings, by name; a single array's name is "".
 
     Its arguments are those of ``ReplayBuffer``.
 
@@ -34,7 +34,7 @@ class Rings(ReplayBuffer):
     """
 
     _expected: ClassVar[str]
-    """Which observation spaces a class is for, and what is for others: the end of a message."""
+    """Observation spaces of a class, and the class for others: end of a message."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class Rings(ReplayBuffer):
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the transitions take now; copies of next observations may come and go."""
+        """Bytes of the transitions now; the number of copied next observations varies."""
         arrays = sum(array.nbytes for array in ArrayRows(self).arrays.values())
         arrays += sum(ring.nbytes for ring in self._rings.values())
         return arrays + sum(ring.nbytes for ring in self._next_rings.values())
@@ -129,12 +129,12 @@ class Rings(ReplayBuffer):
             ring.clear()
 
     def to_torch(self, array: npt.NDArray[Any], copy: bool = True) -> torch.Tensor:
-        """Return a tensor; of what was sampled no second copy is made, for it is one already."""
+        """Return a tensor; sampled arrays are copies already and are not copied again."""
         del copy
         return super().to_torch(array, copy=False)
 
     def take_rows(self, rows: IntArray) -> Arrays:
-        """Return (n,) rows, up to the newest one, to be saved: see ``BufferRows``."""
+        """Return (n,) rows, up to the newest one, for saving: see ``BufferRows``."""
         taken = ArrayRows(self).take_rows(rows)
         for name, ring in self._rings.items():
             found = {**ring.take_rows(rows), **self._next_rings[name].take_rows(rows)}
@@ -142,7 +142,7 @@ class Rings(ReplayBuffer):
         return taken
 
     def put_rows(self, rows: IntArray, saved: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Set (n,) rows to what :meth:`take_rows` gave.
+        """Set (n,) rows to arrays of :meth:`take_rows`.
 
         Raises:
             RunError: If they are rows of another kind of buffer or observation.

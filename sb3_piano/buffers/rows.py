@@ -1,4 +1,4 @@
-"""Rows of a replay buffer as arrays, to be saved and put back."""
+"""Rows of a replay buffer as arrays, for saving and restoring."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ IntArray = npt.NDArray[np.integer[Any]]
 
 @runtime_checkable
 class BufferRows(Protocol):
-    """Something whose rows can be taken out and put back.
+    """Protocol of buffers whose rows can be saved and restored.
 
     Rows are taken in the order in which they were added, up to the newest one, and put back in that
     order too; they may come in several portions, of which a later one overwrites an earlier one.
     """
 
     def take_rows(self, rows: IntArray) -> Arrays:
-        """Return all that belongs to (n,) rows, by name."""
+        """Return all arrays of (n,) rows, by name."""
 
     def put_rows(self, rows: IntArray, saved: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Set (n,) rows to what :meth:`take_rows` gave; a RunError tells why it does not fit."""
+        """Set (n,) rows to arrays of :meth:`take_rows`; raise RunError if they do not fit."""
 
 
 class ArrayRows:
-    """The rows of a buffer that holds them in numpy arrays as long as its capacity.
+    """Rows of a buffer with numpy arrays of its capacity.
 
     Args:
         buffer: A ``ReplayBuffer`` or one derived from it; any such array of its own counts too.
@@ -46,7 +46,7 @@ class ArrayRows:
         """The buffer's own arrays, by name."""
 
     def take_rows(self, rows: IntArray) -> Arrays:
-        """Return the rows of each array, without a copy where they are contiguous."""
+        """Return the rows of each array, without a copy if they are contiguous."""
         return {name: _take(array, rows) for name, array in self.arrays.items()}
 
     def put_rows(self, rows: IntArray, saved: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -60,7 +60,7 @@ class ArrayRows:
 
 
 def buffer_rows(buffer: ReplayBuffer) -> BufferRows:
-    """Return the access to a buffer's rows: the buffer itself if it has one, or its arrays.
+    """Return the row access of a buffer: the buffer itself, or its arrays.
 
     Raises:
         RunError: If the buffer keeps its rows in something else.
@@ -83,7 +83,7 @@ def check_array(
     shape: tuple[int, ...],
     dtype: npt.DTypeLike,
 ) -> npt.NDArray[Any]:
-    """Return one of the saved arrays.
+    """Return one of the saved arrays after checking its shape.
 
     Raises:
         RunError: If it is missing or has another shape or type.

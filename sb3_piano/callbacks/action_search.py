@@ -1,4 +1,4 @@
-"""Exploration by searching among the actions that a policy might take."""
+"""Exploration by a search among the policy's possible actions."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ Choice = Literal["softmax", "greedy"]
 
 
 class ActionSearchCallback(BaseCallback):
-    """Explore with the better ones of several actions, in place of one that the policy draws.
+    """Explore with the best of several sampled actions instead of a single sample.
 
-    In each control step of the training, the policy's own action and others around it compete. They
-    are drawn from its distribution with ``spread`` times its standard deviation. Each gets a score:
+    In each control step of the training, the policy's own action competes with others, drawn from
+    its distribution with ``spread`` times its standard deviation. Each action gets a score:
 
     * "critics": the mean of the critics' values, plus ``optimism`` times their standard deviation;
     * "simulation": the reward of the action, tried in a copy of the environment, plus the
       discounted mean of the critics' values of the policy's action after it;
     * "both": the latter, plus ``optimism`` times the standard deviation of the critics' values.
 
-    Played is the one with the highest score ("greedy"), or one drawn with a probability in
-    proportion to exp(score / ``temperature``) ("softmax"). What is learnt from the transitions is
-    as without the callback, and so is what the model plays when it does not explore. In YAML::
+    The action with the highest score is played ("greedy"), or one drawn with a probability in
+    proportion to exp(score / ``temperature``) ("softmax"). Updates and deterministic actions stay
+    as without the callback. In YAML::
 
         callback:
           - sb3_piano.callbacks.ActionSearchCallback: {score: critics, candidates: 33}
 
-    Each candidate costs next to nothing with "critics", and a control step of simulation otherwise.
+    A candidate costs next to nothing with "critics", and a simulated control step otherwise.
 
     Source: "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", section
     4.3, the one-step layer: 33 candidates without the simulation and about nine with it. Its onset
@@ -46,7 +46,7 @@ class ActionSearchCallback(BaseCallback):
     ``optimism``, ``temperature`` and ``spread`` are not told there.
 
     Args:
-        candidates: How many actions compete, the policy's own included; at least 1.
+        candidates: Number of competing actions, the policy's own included; at least 1.
         score: See above.
         choice: See above.
         optimism: See above; 0 or more.
@@ -130,7 +130,7 @@ class ActionSearchCallback(BaseCallback):
         return True
 
     def _is_rollout(self, observation: torch.Tensor) -> bool:
-        """Return whether an action of the training is asked for, and not of an evaluation in it.
+        """Return whether the training asks for an action, not an evaluation inside it.
 
         It is the first one for what the training's environments show.
         """
@@ -144,7 +144,7 @@ class ActionSearchCallback(BaseCallback):
         return True
 
     def _predict(self, observation: Any, deterministic: bool = False) -> torch.Tensor:
-        """Return what a policy would, where it explores the best of several actions."""
+        """Predict as the policy does; while exploring, take the best of several actions."""
         played: torch.Tensor = self._own_predict(observation, deterministic)
         if deterministic or not self._is_rollout(observation):
             return played
@@ -152,7 +152,7 @@ class ActionSearchCallback(BaseCallback):
         return torch.cat(rows)
 
     def _searched(self, slot: int, observation: torch.Tensor) -> torch.Tensor:
-        """Return the action, (1, n), that one environment gets."""
+        """Return the best action, (1, n), of one environment."""
         policy: Any = self.model.policy
         mean, log_std, _ = policy.actor.get_action_dist_params(observation)
         noise = torch.randn(self._candidates, mean.shape[1], device=mean.device)
@@ -169,13 +169,13 @@ class ActionSearchCallback(BaseCallback):
         return actions[torch.multinomial(shares, 1)]
 
     def _tried(self, slot: int, actions: torch.Tensor) -> torch.Tensor:
-        """Return what each action earns, and what may be expected after it."""
+        """Return the reward of each action plus the expected return after it."""
         env = self._envs[slot]
         piano, world = env.unwrapped, self._worlds[slot]
         if piano.steps_played == 0 or world is None or world.roll is not piano.roll:
             self._worlds[slot] = world = PianoWorld(env, self._values)
         moment, scores = moment_of(env), []
-        for action in self._values.played(actions):
+        for action in self._values.unscale_actions(actions):
             step = world.step(moment, action)
             ahead = 0.0 if step.terminal else world.judge(step.observation)[0]
             scores.append(step.reward + world.gamma * ahead)

@@ -1,4 +1,4 @@
-"""A training that ends with the mean of its last weights."""
+"""Callback that ends a training with the mean of its last weights."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ from sb3_piano.settings import Number, checked
 
 
 class AveragedWeightsCallback(BaseCallback):
-    """Give the policy, when training ends, a moving average of its weights.
+    """Replace the policy's weights by their moving average when training ends.
 
-    Each update of an on-policy algorithm is a step in a noisy direction; the mean of many plays
-    better than the last of them (Izmailov et al. 2018). Training itself goes on with the last
-    ones, which models that are saved before the end have, too. So has the checkpoint of a training
-    that Ctrl-C or SIGTERM interrupted: resumed, it goes on with them, and the average begins anew.
-    In YAML, for ``sb3-piano train``::
+    Each update of an on-policy algorithm is a noisy step; the mean of many plays better than the
+    last (Izmailov et al. 2018). Training itself continues with the last weights, and so do models
+    saved before the end and checkpoints of interrupted trainings; the average restarts after
+    resuming. In YAML, for ``sb3-piano train``::
 
         callback:
           - sb3_piano.callbacks.AveragedWeightsCallback: {decay: 0.95}
 
     Args:
-        decay: What is left of an update's weight after the next one, at least 0 and below 1: 0.95
+        decay: Factor of an update's weight at each later update, at least 0 and below 1: 0.95
             takes the mean of about the last 20.
 
     Raises:
@@ -57,7 +56,7 @@ class AveragedWeightsCallback(BaseCallback):
 
     @torch.no_grad()
     def _add(self) -> None:
-        """Take the present weights into the average."""
+        """Add the present weights to the average."""
         if not self._average:
             self._average = [parameter.clone() for parameter in self._parameters()]
         self._updates += 1

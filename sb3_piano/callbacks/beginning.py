@@ -1,4 +1,4 @@
-"""What a training begins with: performances, weights of a network, its view of observations."""
+"""Callbacks that prepare a training: demonstrations, network weights, standardisation."""
 
 from __future__ import annotations
 
@@ -18,19 +18,18 @@ _log = logging.getLogger(__name__)
 
 
 class _AtFirst(BaseCallback):
-    """A callback that has nothing to do in a step."""
+    """Base of callbacks that act only before the first step."""
 
     def _on_step(self) -> bool:
         return True
 
 
 class DemonstrationsCallback(_AtFirst):
-    """Fill the replay buffer from a data set before the training, unless something is in it.
+    """Fill an empty replay buffer from a data set before the training.
 
-    A training that is resumed has its buffer back, with what is left of the data set in it. With
-    ``learning_starts: 0`` it learns from the data set from the first step on; by default
-    Stable-Baselines3 begins by acting at random, and learns nothing meanwhile. In YAML, for
-    ``sb3-piano train`` and RL Zoo::
+    A resumed training restores its buffer, with the rest of the data set. With ``learning_starts:
+    0`` it learns from the data set from the first step on; by default Stable-Baselines3 begins with
+    random actions and learns nothing meanwhile. In YAML, for ``sb3-piano train`` and RL Zoo::
 
         callback:
           - sb3_piano.callbacks.DemonstrationsCallback:
@@ -59,7 +58,7 @@ class DemonstrationsCallback(_AtFirst):
 
 
 class HandWeightsCallback(_AtFirst):
-    """Give a policy of hands the weights of a network before the training.
+    """Load the weights of a hand's network into a policy before the training.
 
     A training that is resumed keeps its own. In YAML, for ``sb3-piano train``::
 
@@ -98,12 +97,12 @@ class HandWeightsCallback(_AtFirst):
 
 
 class SightReaderStandardization(_AtFirst):
-    """Let the policy standardise observations, from its beginning, as what it corrects does.
+    """Standardise the policy's observations as the base player does.
 
-    For policies of :mod:`sb3_piano.policies` for hands in environments with
-    :class:`~sb3_piano.players.PlayerResidual` or :class:`~sb3_piano.training.RunResidual`. Where
-    that sees both hands at once, each hand's are the statistics of both. The numbers are saved with
-    the policy.
+    For hands' policies of :mod:`sb3_piano.policies` in environments with
+    :class:`~sb3_piano.players.PlayerResidual` or :class:`~sb3_piano.training.RunResidual`. If the
+    base player sees both hands at once, each hand gets the statistics of both. The policy saves the
+    numbers.
 
     Raises:
         ConfigError: When training starts, if the policy is another one.

@@ -1,4 +1,4 @@
-"""Checkpoints from which a training can go on as if it had not stopped."""
+"""Checkpoints from which a training resumes."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ CallbackStates = Mapping[str, Sequence[Mapping[str, Any]]]
 
 @runtime_checkable
 class KeepsState(Protocol):
-    """A callback with a state that a training which is resumed goes on with."""
+    """A callback with a state that checkpoints save and restore."""
 
     def state_dict(self) -> Mapping[str, Any]:
         """Return the state, in JSON's types."""
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state; called before the training starts.
+        """Restore a state; called before the training starts.
 
         Raises:
             ConfigError: If it is none of this class.
@@ -50,24 +50,24 @@ class KeepsState(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint:
-    """Content of ``checkpoint.json``: the files that belong together, and after how many steps."""
+    """Content of ``checkpoint.json``: the files of a checkpoint and its step count."""
 
     num_timesteps: int
-    """Environment steps that are in the model and the replay buffer."""
+    """Environment steps of the model and the replay buffer."""
     model: str
     """Name of the model's file."""
     vec_normalize: str | None = None
-    """Name of the file with the statistics of ``VecNormalize``, if the run has it."""
+    """Name of the file with the statistics of ``VecNormalize``, if the run uses it."""
     replay: ReplayManifest | None = None
     """The replay buffer, if the algorithm has one."""
     labels: Mapping[str, str] = field(default_factory=dict)
     """Identity of the run, as given to :class:`ResumableCheckpoint`."""
     callbacks: CallbackStates = field(default_factory=dict)
-    """States of the callbacks that were given to :class:`ResumableCheckpoint`, if they have any."""
+    """States of the callbacks given to :class:`ResumableCheckpoint`, if they have any."""
 
     @property
     def files(self) -> frozenset[str]:
-        """Names of all files that resuming needs."""
+        """Names of all files needed to resume."""
         segments = () if self.replay is None else self.replay.segments
         names = {self.model, self.vec_normalize, *(segment.file for segment in segments)}
         return frozenset(name for name in names if name is not None)
@@ -81,7 +81,7 @@ class Checkpoint:
         replay: ReplayManifest | None = None,
         callbacks: CallbackStates | None = None,
     ) -> Checkpoint:
-        """Save a model, beside its replay buffer, and make that the folder's valid checkpoint."""
+        """Save a model beside its replay buffer as the folder's valid checkpoint."""
         steps = model.num_timesteps
         name, normalization = f"model-{steps}.zip", f"vecnormalize-{steps}.pkl"
         write_atomically(folder / name, model.save)
@@ -98,7 +98,7 @@ class Checkpoint:
         return saved
 
     def restore_callbacks(self, callbacks: Iterable[BaseCallback]) -> None:
-        """Give callbacks their states back, however deep they are nested.
+        """Restore the states of callbacks at any depth of nesting.
 
         The first callback of a class gets the first state of that class, and so on. A callback
         beyond that begins anew.
@@ -116,7 +116,7 @@ class Checkpoint:
                     ) from error
 
     def copy_model(self, folder: Path, copy: Path) -> None:
-        """Copy the model to a path; statistics of ``VecNormalize`` go beside it.
+        """Copy the model to a path, with the statistics of ``VecNormalize`` beside it.
 
         What is the same already is left as it is.
         """
@@ -128,7 +128,7 @@ class Checkpoint:
 
     @classmethod
     def read(cls, folder: Path) -> Checkpoint | None:
-        """Return the folder's valid checkpoint, or ``None`` if nothing was saved yet.
+        """Return the folder's valid checkpoint, or ``None`` if it has none.
 
         Raises:
             RunError: If the file is damaged, or one that it names is missing.
@@ -147,17 +147,17 @@ class Checkpoint:
 
 
 class ResumableCheckpoint(BaseCallback):
-    """Save, every so many environment steps, all that resuming the training needs.
+    """Save a checkpoint at fixed intervals of environment steps.
 
-    That is the model with its optimizers, the replay buffer (see
+    A checkpoint has the model with its optimizers, the replay buffer (see
     :mod:`~sb3_piano.callbacks.replay_segments`), the statistics of ``VecNormalize`` and the states
-    of callbacks that have one (:class:`KeepsState`). The files are written under new names;
-    replacing ``checkpoint.json`` is the moment at which they become valid, and only then are the
-    former ones deleted. A process killed at any time leaves a folder that can be resumed.
+    of callbacks (:class:`KeepsState`). Files get new names; replacing ``checkpoint.json`` makes
+    them valid, and only then are the former ones deleted. A process killed at any time leaves a
+    folder that can be resumed.
 
-    The callback saves between two rollouts, when each counted step is in the replay buffer and all
-    its updates are done: the first such moment at or after each multiple of ``every``, and the end
-    of training.
+    It saves between two rollouts, when each counted step is in the replay buffer and all its
+    updates are done: at the first such moment at or after each multiple of ``every``, and at the
+    end.
 
     Args:
         folder: Where to save; created when training starts.
@@ -213,7 +213,7 @@ class ResumableCheckpoint(BaseCallback):
         self.save()
 
     def save(self) -> None:
-        """Save now, unless nothing has happened since the last time."""
+        """Save now, unless no step was taken since the last checkpoint."""
         if self.model.num_timesteps == self._saved_at:
             return
         replay = None if self._segments is None else self._segments.write()
@@ -247,7 +247,7 @@ def _with_state(callbacks: Iterable[BaseCallback]) -> dict[str, list[KeepsState]
 
 
 def write_normalization(model: BaseAlgorithm, path: Path) -> bool:
-    """Write the statistics of a model's ``VecNormalize`` into a file, if it has any; tell so.
+    """Write the statistics of a model's ``VecNormalize``; return whether it has one.
 
     The file carries the model's steps, by which two of one checkpoint are known.
     """

@@ -10,16 +10,16 @@ from sb3_piano.settings import Count, Number, settings
 
 @settings
 class Condition:
-    """What evaluations have to reach, and in how many in a row.
+    """Thresholds of metrics, and the number of evaluations in a row that must reach them.
 
     Raises:
         ConfigError: If no metric is named, or a number is out of range.
     """
 
     thresholds: Mapping[str, Number]
-    """The least value of each metric; all of them have to be reached."""
+    """Least value of each metric; all of them must be reached."""
     patience: Count = 1
-    """In how many evaluations in a row they have to be reached."""
+    """Number of evaluations in a row that must reach them."""
     eval_freq: Count | None = None
     """Calls between two evaluations, as of the callback, whose own it replaces: environment steps
     over the number of environments, or of hands where they are agents."""
@@ -29,7 +29,7 @@ class Condition:
             raise ConfigError("until names no metric: expected one or more, as in onset_f1: 0.8.")
 
     def is_met(self, evaluations: Sequence[Mapping[str, float]]) -> bool:
-        """Return whether the last of the evaluations, the oldest first, are all high enough.
+        """Return whether the last evaluations (the oldest first) all reach the thresholds.
 
         One that lacks a metric is not.
         """

@@ -15,21 +15,21 @@ from sb3_piano.settings import Number, Whole, checked
 
 
 class DifficultyCallback(BaseCallback):
-    """Play easy pieces first, and harder ones as the training goes on.
+    """Play easy pieces first and add harder ones during the training.
 
-    When training starts, all pieces of each :class:`~sb3_piano.wrappers.RandomPiece` are ranked by
-    :func:`~sb3_piano.music.difficulty.rank`, by their scores alone, as ``sb3-piano pieces rank``
-    does. They make ``bands`` of equal size, easy to hard. Over the first ``fraction`` of the
-    training one band is added after the other, each for as long; then all pieces are equally
-    likely. It goes by the number of steps, so that a training that is resumed goes on with the band
-    that it had; if it is resumed with more steps, the fraction is that of all of them.
+    When training starts, :func:`~sb3_piano.music.difficulty.rank` ranks all pieces of each
+    :class:`~sb3_piano.wrappers.RandomPiece` by their scores alone, like ``sb3-piano pieces rank``,
+    and divides them into ``bands`` of equal size. Over the first ``fraction`` of the training one
+    band after the other is added, each for as long; then all pieces are equally likely. The band
+    follows from the number of steps, also in a resumed training; with more steps, the fraction is
+    that of the new total.
 
     An environment without a piece in the present bands (``pieces`` of a run are dealt out) plays
-    those of its nearest band. The first episode of each environment begins before the callback can
-    choose: it plays any of its pieces.
+    its nearest band. The first episode of each environment begins before the callback can choose,
+    and plays any of its pieces.
 
-    Logged is ``curriculum/band``: 1 for the easiest, up to ``bands``, and ``bands`` + 1 when the
-    curriculum is over. In YAML::
+    The log has ``curriculum/band``: 1 for the easiest, up to ``bands``, and ``bands`` + 1 after the
+    curriculum. In YAML::
 
         callback:
           - sb3_piano.callbacks.DifficultyCallback: {bands: 4, fraction: 0.5}
@@ -83,7 +83,7 @@ class DifficultyCallback(BaseCallback):
         return True
 
     def _open(self, pieces: list[str]) -> list[str]:
-        """Return which of an environment's pieces may be chosen in the present band."""
+        """Return which of an environment's pieces belong to the present bands."""
         if self._present > self._n_bands:
             return pieces
         ahead = {name: self.bands[name] - self._present for name in pieces}

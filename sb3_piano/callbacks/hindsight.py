@@ -1,4 +1,4 @@
-"""Hindsight relabelling: episodes as performances of what was played in them."""
+"""Hindsight relabelling: each episode replayed under the score of what it played."""
 
 from __future__ import annotations
 
@@ -21,26 +21,23 @@ an episode more: 40 MB with the full observation."""
 
 
 class HindsightCallback(OwnEnvCallback):
-    """Add each episode to the replay buffer once more, as a performance of what was played in it.
+    """Add each episode to the replay buffer a second time, relabelled in hindsight.
 
-    When an episode has ended, a score is made of the keys that sounded in it, with the finger that
-    was nearest to each key when it went down, and of the pedal. The actions are played again, under
-    this score, in an environment of the callback's own, and these transitions are added after those
-    of the episode itself. Their F1 is 1. They end with the silence after the last note, or with the
-    episode, and count as cut off by a time limit. Episodes without a sound, or whose score the
-    environment cannot play (a key out of its ``KeyRange``), are not added.
+    At the end of an episode, its sounding keys, the nearest finger to each of them and the pedal
+    become a score. The callback replays the actions under this score in its own environment, and
+    adds these transitions, whose F1 is 1, after the episode's own. They end with the silence after
+    the last note, or with the episode, and count as truncated. Episodes without a sound, or whose
+    score the environment cannot play (a key out of its ``KeyRange``), are not added.
 
-    Updates are as many as without the callback, and half of what they learn from is relabelled.
-    Every episode is simulated twice more. Several environments must be alike but for their pieces:
-    what they play is played again in one like the first of them. A row of the replay buffer has a
-    transition of each, so that relabelled ones wait until there is one of each; what still waits
-    when the training ends is lost. An environment of which 10,000 wait relabels no more until the
-    others have followed.
+    The number of updates stays the same, and half of their data is relabelled. Every episode is
+    simulated twice more. Several environments may differ in their pieces only, as the callback
+    replays in one like the first. A row of the replay buffer has a transition of each environment,
+    so relabelled ones wait for each other; those still waiting at the end of the training are lost.
+    An environment with 10,000 waiting transitions relabels no more until the others have followed.
 
-    With a :class:`~sb3_piano.wrappers.HindsightFlag` among the wrappers the agent observes which
-    transitions are relabelled. Logged are ``hindsight/episodes``, the number of relabelled ones so
-    far, and ``hindsight/sounding``, the share of their control steps in which a key sounds. In
-    YAML::
+    With a :class:`~sb3_piano.wrappers.HindsightFlag` among the wrappers the agent observes the
+    relabelling. The log has ``hindsight/episodes``, the number of relabelled ones so far, and
+    ``hindsight/sounding``, the share of their control steps with a sounding key. In YAML::
 
         callback:
           - sb3_piano.callbacks.HindsightCallback

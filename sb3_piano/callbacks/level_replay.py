@@ -1,4 +1,4 @@
-"""Prioritized level replay: pieces in which there is more to learn are played more often."""
+"""Prioritized level replay: pieces with more left to learn are played more often."""
 
 from __future__ import annotations
 
@@ -22,36 +22,35 @@ from sb3_piano.policies.values import critic_values
 from sb3_piano.settings import Share, checked
 
 Values = Callable[[Any], FloatArray]
-"""V of observations, as a policy takes them, stacked: (n, ...) to (n,)."""
+"""Value function: stacked observations (n, ...) to V (n,)."""
 
 
 class LevelReplayCallback(BaseCallback):
-    """Play pieces more often in which there is more to learn, and those that wait for long.
+    """Play pieces with high scores, and pieces not played for long, more often.
 
-    It says to each :class:`~sb3_piano.wrappers.RandomPiece` how likely its pieces are, as
-    :class:`~sb3_piano.callbacks.level_sampler.LevelSampler` has it: first each piece is played
-    once, then the more likely the higher it ranks by its score and the longer it was not played.
-    The score of a piece is the mean absolute advantage over the steps of its last episode, the
-    generalized advantage estimate with the algorithm's ``gamma``::
+    It sets the probabilities of each :class:`~sb3_piano.wrappers.RandomPiece` by
+    :class:`~sb3_piano.callbacks.level_sampler.LevelSampler`: each piece is played once, then pieces
+    are the more likely the higher their rank by score and the longer ago their last episode. The
+    score is the mean absolute advantage over the steps of a piece's last episode, the generalized
+    advantage estimate with the algorithm's ``gamma``::
 
         delta_t = r_t + gamma V(o_t+1) - V(o_t)
         A_t = sum over l from 0 on of (gamma gae_lambda)^l delta_t+l
 
-    V is what a PPO, A2C or TRPO learns. For SAC, TD3, DDPG, TQC and CrossQ it is the mean over the
-    critics of Q at the policy's mode. V is 0 after the end of an episode, but not where a time
-    limit ended it, as it does at the end of a piece. Observations and rewards are as the algorithm
-    gets them, under ``VecNormalize`` normalised by the statistics of that moment. Episodes are
-    those of the training, with its exploration.
+    V is the value function of PPO, A2C and TRPO. For SAC, TD3, DDPG, TQC and CrossQ it is the mean
+    over the critics of Q at the policy's mode. V is 0 after a terminated episode, but not after a
+    truncated one, such as the end of a piece. Observations and rewards are the algorithm's,
+    normalised by the present statistics under ``VecNormalize``. Episodes are those of the training,
+    with its exploration.
 
-    All environments share the scores. One that has not all pieces (``pieces`` of a run are dealt
-    out) draws among its own, by the ranks among them. Unseen pieces are dealt out to the
-    environments that have them; one that gets none replays meanwhile. An environment draws the
-    next piece in the step that ends an episode, before anyone can see that end: what an episode
-    teaches counts from the second draw on. The very first piece, also of a training that is
-    resumed, is drawn by the weights of ``RandomPiece``. Scores and visits are saved with the
-    checkpoints of ``sb3-piano train``.
+    All environments share the scores. An environment with a part of the pieces (``pieces`` of a run
+    are dealt out) draws among its own, by the ranks among them. Unseen pieces are dealt out to the
+    environments that have them; the others replay meanwhile. An environment draws the next piece in
+    the step that ends an episode, so an episode counts from the second draw on. The first piece,
+    also of a resumed training, follows the weights of ``RandomPiece``. Checkpoints of ``sb3-piano
+    train`` save scores and visits.
 
-    Logged are ``level_replay/score`` (of the episodes since the log was last written, as a mean),
+    The log has ``level_replay/score`` (mean over the episodes since the last log line),
     ``level_replay/unseen`` (pieces without a score), ``level_replay/gini`` (of the visits so far: 0
     if all pieces were played equally often, towards 1 the more a few were preferred) and
     ``level_replay/top_probability`` (of the likeliest piece of any environment). In YAML::
@@ -89,7 +88,7 @@ class LevelReplayCallback(BaseCallback):
         return self.sampler.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from scores and visits; those of pieces that are gone are left out.
+        """Restore scores and visits; pieces that no longer exist are left out.
 
         Raises:
             ConfigError: If it is no such state.
@@ -127,18 +126,18 @@ class LevelReplayCallback(BaseCallback):
         return True
 
     def _agents(self, env: int) -> range:
-        """Return where in the training's vector the agents of an environment are."""
+        """Return the indices of an environment's agents in the training's vector."""
         return range(env * self._choice.agents, (env + 1) * self._choice.agents)
 
     def _begin(self, env: int, *, is_new: bool = True) -> None:
-        """Note what an environment plays from now on."""
+        """Record the piece that an environment begins."""
         self._playing[env] = name = self._choice.playing(env)
         self._rollouts |= {agent: Rollout() for agent in self._agents(env)}
         if name is not None and is_new:
             self.sampler.visit(name)
 
     def _end(self, env: int, infos: Sequence[Mapping[str, Any]]) -> None:
-        """Score the piece that an environment has played."""
+        """Score the piece that an environment has finished."""
         name = self._playing[env]
         if name is None:
             return
@@ -157,7 +156,7 @@ class LevelReplayCallback(BaseCallback):
         return float(np.abs(found).mean())
 
     def _set_weights(self) -> None:
-        """Say to each environment how likely its pieces are, and log where that stands."""
+        """Set the probabilities of each environment's pieces, and log their state."""
         playing = {name for name in self._playing.values() if name is not None}
         dealt: dict[str, int] = {}  # to one environment each, so that no two of them draw it
         for number, name in enumerate(self.sampler.unseen(playing)):
@@ -180,9 +179,9 @@ class Rollout:
     """An agent's episode so far."""
 
     observations: list[Any] = field(default_factory=list)
-    """What it observed before each step: arrays, or mappings of them."""
+    """Observation before each step: arrays, or mappings of them."""
     rewards: list[float] = field(default_factory=list)
-    """The reward of each step."""
+    """Reward of each step."""
 
     def add(self, observation: Any, reward: float) -> None:
         """Add a step."""
@@ -211,7 +210,7 @@ def advantages(
 
 
 def value_function(model: BaseAlgorithm) -> Values:
-    """Return V of a model, which goes by its weights at the time of each call.
+    """Return the value function of a model; it uses the weights at the time of each call.
 
     Raises:
         ConfigError: If the algorithm has no values of states, nor critics of actions.
@@ -234,20 +233,20 @@ def value_function(model: BaseAlgorithm) -> Values:
 
 @torch.no_grad()
 def _numbers(function: Callable[[Any], torch.Tensor], policy: Any, observations: Any) -> FloatArray:
-    """Return what a function of tensors gives for observations, (n,)."""
+    """Apply a function of tensors to observations; return (n,) numbers."""
     tensors, _ = policy.obs_to_tensor(observations)
     return function(tensors).flatten().double().cpu().numpy()
 
 
 def _row(observations: Any, index: int) -> Any:
-    """Return a copy of one agent's observation, which does not hold on to all the others."""
+    """Return a copy of one agent's observation that keeps no reference to the others."""
     if isinstance(observations, dict):
         return {name: rows[index].copy() for name, rows in observations.items()}
     return observations[index].copy()
 
 
 def _stacked(observations: Sequence[Any]) -> Any:
-    """Return observations as one array, or a mapping of arrays, with a row of each."""
+    """Stack observations into one array, or a mapping of arrays, one row each."""
     if isinstance(observations[0], dict):
         return {name: np.stack([one[name] for one in observations]) for name in observations[0]}
     return np.stack(observations)

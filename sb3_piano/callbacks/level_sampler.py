@@ -1,4 +1,4 @@
-"""Prioritized level replay: which level comes next, by what is left to learn and by age.
+"""Prioritized level replay: draw the next level by its score and its age.
 
 A level is whatever a training may be set to: here a piece. With S_i the score of a level, C_i the
 number of the sample in which it was last drawn and c the number of samples so far, a level is drawn
@@ -29,20 +29,20 @@ from sb3_piano.settings import Index, NotNegative, Positive, Share, checked, set
 
 @settings
 class Level:
-    """What is known of a level."""
+    """Score and visits of a level."""
 
     score: NotNegative | None = None
-    """S_i: how much is left to learn in it; ``None`` until it was played to an end."""
+    """S_i, the score: how much is left to learn; ``None`` before the first finished episode."""
     visits: Index = 0
-    """How often it was drawn."""
+    """Number of draws."""
     last: Index = 0
-    """C_i: the number of the sample in which it was last drawn, from 1 on; 0 if it never was."""
+    """C_i: number of the last draw of this level, from 1 on; 0 if it was never drawn."""
 
 
 class LevelSampler:
-    """Scores and visits of levels, and how likely each of them is to be the next.
+    """Scores and visits of levels, and the probability of each to be drawn next.
 
-    It draws nothing itself, so that whoever does decides by what seed.
+    It draws nothing itself: the caller draws with its own seed.
 
     Args:
         levels: Names of the levels.
@@ -61,7 +61,7 @@ class LevelSampler:
 
     @property
     def levels(self) -> Mapping[str, Level]:
-        """What is known of each level, by its name."""
+        """Score and visits of each level, by name."""
         return MappingProxyType(self._levels)
 
     @property
@@ -70,17 +70,17 @@ class LevelSampler:
         return gini([level.visits for level in self._levels.values()])
 
     def set_levels(self, names: Iterable[str]) -> None:
-        """Let the levels be these: new ones are unseen, those that are gone are forgotten."""
+        """Replace the levels. Known levels keep their scores, new ones are unseen."""
         self._levels = {name: self._levels.get(name, Level()) for name in names}
 
     def visit(self, name: str) -> None:
-        """Note that a level was drawn."""
+        """Count a draw of a level."""
         self._samples += 1
         level = self._levels[name]
         self._levels[name] = replace(level, visits=level.visits + 1, last=self._samples)
 
     def rate(self, name: str, score: float) -> None:
-        """Note the score of a level, in place of its former one.
+        """Replace the score of a level.
 
         Raises:
             ConfigError: If the score is below 0 or not finite.
@@ -88,14 +88,14 @@ class LevelSampler:
         self._levels[name] = replace(self._levels[name], score=score)
 
     def unseen(self, playing: Collection[str] = ()) -> list[str]:
-        """Return the levels without a score but for those that are being played."""
+        """Return the levels without a score that no environment is playing."""
         found = (name for name, level in self._levels.items() if level.score is None)
         return [name for name in found if name not in playing]
 
     def probabilities(
         self, among: Sequence[str] | None = None, playing: Collection[str] = ()
     ) -> dict[str, float]:
-        """Return how likely levels are to be the next; ranks and ages count among these alone.
+        """Return the probabilities of some levels; ranks and ages count among these alone.
 
         While there are unseen ones, one of those is next, all equally likely. Then it is one of
         those with a score; if there is none yet, they are all equally likely.
@@ -116,7 +116,7 @@ class LevelSampler:
         return found | dict(zip(scored, shares.tolist(), strict=True))
 
     def _shares(self, levels: Sequence[Level]) -> FloatArray:
-        """Return P of levels with scores."""
+        """Return the probabilities of levels with scores."""
         by_score = score_shares([level.score or 0.0 for level in levels], self._beta)
         ages = np.array([self._samples - level.last for level in levels], dtype=np.float64)
         if not ages.any():
@@ -124,12 +124,12 @@ class LevelSampler:
         return (1 - self._rho) * by_score + self._rho * ages / ages.sum()
 
     def state_dict(self) -> dict[str, Any]:
-        """Return all that is known of the levels, in JSON's types."""
+        """Return scores and visits of all levels, in JSON's types."""
         levels = {name: asdict(level) for name, level in self._levels.items()}
         return {"samples": self._samples, "levels": levels}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from what :meth:`state_dict` returned, with the levels that it has.
+        """Restore the levels of a :meth:`state_dict`.
 
         Raises:
             ConfigError: If it is no such state.

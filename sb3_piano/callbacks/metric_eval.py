@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_piano.array_files import read_arrays
 from sb3_piano.callbacks.checkpoint import write_normalization
 from sb3_piano.callbacks.condition import Condition
-from sb3_piano.callbacks.episode_metrics import finite_number
+from sb3_piano.callbacks.episode_metrics import NOT_PRINTED, finite_number
 from sb3_piano.callbacks.own_env import OwnEnvCallback, RunContext, env_name, preserve_random_state
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.files import read_json, write_atomically, write_json
@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 _NOTE = "best_model.json"
 MOST_PIECES = 12
-"""So many of a run's pieces an evaluation plays, unless it is told otherwise."""
+"""Largest number of a run's pieces in an evaluation, by default."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,14 +41,14 @@ class BestModel:
     """Content of ``best_model.json``, about the ``best_model.zip`` beside it."""
 
     metric: str
-    """By what it is the best."""
+    """Metric by which it is the best."""
     value: float
-    """Its mean over the episodes of the evaluation."""
+    """Mean of the metric over the episodes of the evaluation."""
     num_timesteps: int
-    """Environment steps that the model was trained for."""
+    """Environment steps of the model's training."""
 
     def save(self, folder: Path, model: BaseAlgorithm) -> None:
-        """Write a model that scored this, with the statistics of ``VecNormalize`` if it has any.
+        """Write this model, with the statistics of ``VecNormalize`` if it has any.
 
         The note comes last: after a crash in between it tells of the model before, never of one
         that is not there.
@@ -59,7 +59,7 @@ class BestModel:
 
     @classmethod
     def read(cls, folder: Path) -> BestModel | None:
-        """Return what a folder's best model scored, or ``None`` if it has none.
+        """Return the record of a folder's best model, or ``None`` if it has none.
 
         Raises:
             RunError: If the file is damaged.
@@ -72,7 +72,7 @@ _BASELINE = "noop_f1"
 
 
 class MetricEvalCallback(OwnEnvCallback, EvalCallback):
-    """SB3's ``EvalCallback``, with a number of the final ``info`` in the place of the return.
+    """SB3's ``EvalCallback`` with a metric of the final ``info`` in place of the return.
 
     Every ``eval_freq`` calls it plays some episodes in an environment of its own and logs, in one
     line of the log, what ``EvalCallback`` logs and the mean of each metric of
@@ -85,18 +85,18 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
         class RecallCallback(MetricEvalCallback):
             metric = "recall"
 
-    As with all of SB3's callbacks a call is one step of all environments together: with ``n_envs``
-    environments, ``eval_freq`` calls are ``eval_freq * n_envs`` environment steps.
+    A call is one step of all environments together: with ``n_envs`` environments, ``eval_freq``
+    calls are ``eval_freq * n_envs`` environment steps.
 
-    The training does not notice: environment and random generators are its own, and training with
-    and without the callback gives the same model.
+    Environment and random generators are the callback's own: training with and without it gives the
+    same model.
 
     Args:
-        eval_env: The environment to play in; whoever gives one closes it. By default it is made
+        eval_env: The environment to play in; the caller closes it. By default it is made
             from the run's config in a training by ``sb3-piano train``, and otherwise a copy of the
             first training environment, which must then be in this process (``DummyVecEnv``,
             ``ThreadVecEnv``). It has the wrappers and the normalisation of the training.
-        callback_on_new_best: As of ``EvalCallback``, like all that are not told here.
+        callback_on_new_best: As of ``EvalCallback``, like all arguments not listed here.
         n_eval_episodes: Episodes of an evaluation, at least 1. By default one, which is enough for
             a piece that always starts alike; of several pieces (``pieces``, or a
             :class:`~sb3_piano.wrappers.RandomPiece`) one of each, of the first 12 at most. Pieces
@@ -125,7 +125,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
     """
 
     metric: ClassVar[str]
-    """The key of ``info`` by which models are judged; more is better."""
+    """Key of ``info`` that ranks models; more is better."""
 
     def __init__(
         self,
@@ -181,7 +181,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
         self._goes_on = True
 
     def use_run(self, run: RunContext) -> None:
-        """Take the environment, and the place for the best model, from a run."""
+        """Set the environment, and the folder of the best model, from a run."""
         super().use_run(run)
         if self.best_model_save_path is None:
             self.best_model_save_path = str(run.folder / f"best_{self.metric}")
@@ -204,7 +204,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
                 self.best_mean_reward = max(self.best_mean_reward, saved.value)
 
     def _play_in_turn(self) -> int:
-        """Let the own environment play its pieces in turn; return how many it has."""
+        """Make the own environment play its pieces in turn; return their number."""
         venv = self.eval_env.unwrapped
         if not venv.env_is_wrapped(RandomPiece)[0]:
             return 1
@@ -213,7 +213,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
 
     @property
     def _agents(self) -> int:
-        """How many agents, with neighbouring numbers, each environment has."""
+        """Number of agents, with neighbouring indices, of each environment."""
         return self.eval_env.num_envs // self.eval_env.unwrapped.num_envs
 
     def _on_training_start(self) -> None:
@@ -238,7 +238,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
 
     @contextlib.contextmanager
     def _preserve_judgement(self) -> Iterator[None]:
-        """Let ``EvalCallback`` evaluate and log, but not judge by the return, nor tell anyone."""
+        """Let ``EvalCallback`` evaluate and log, but not compare returns or call children."""
         callback, self.callback = self.callback, None
         best, self.best_mean_reward = self.best_mean_reward, np.inf
         try:
@@ -274,16 +274,17 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
         metrics = {name: number for name, number in numbers.items() if number is not None}
         self.evaluations_metrics[-1].append(metrics)
         for name, number in metrics.items():
-            self.logger.record_mean(f"eval/{name}", number)
+            hidden = name in NOT_PRINTED and name != self.metric
+            self.logger.record_mean(f"eval/{name}", number, exclude="stdout" if hidden else None)
 
     def means(self, number: int) -> dict[str, float]:
-        """Return each metric's mean in an evaluation, of those that all episodes have."""
+        """Return the mean of each metric that all episodes of an evaluation have."""
         episodes = self.evaluations_metrics[number]
         names = set(episodes[0]).intersection(*episodes) if episodes else set()
         return {name: float(np.mean([found[name] for found in episodes])) for name in names}
 
     def _read_evaluations_file(self) -> None:
-        """Go on with the file of a training that had stopped, which SB3 would begin anew."""
+        """Continue the evaluations file of an interrupted training; SB3 would overwrite it."""
         if self.log_path is None or not Path(f"{self.log_path}.npz").is_file():
             return
         try:
@@ -318,7 +319,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
         np.savez(self.log_path, **arrays)
 
     def _judge(self) -> bool:
-        """Return whether the training goes on after an evaluation."""
+        """Compare an evaluation with the best; return whether the training continues."""
         means = self.means(-1)
         value = means.get(self.metric, np.nan)
         self.last_mean_reward = value
@@ -340,7 +341,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
         return goes_on and self._on_event() and not self._is_high_enough()
 
     def _is_high_enough(self) -> bool:
-        """Return whether the training may end."""
+        """Return whether the condition to end the training is met."""
         if self.until is None:
             return False
         first = max(len(self.evaluations_metrics) - self.until.patience, 0)
@@ -359,18 +360,18 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
 
 
 class _UnbuiltEnv(gym.Env[Any, Any]):
-    """Stands in for an environment that is made when the training starts."""
+    """Placeholder of an environment that is made when the training starts."""
 
     observation_space = action_space = gym.spaces.Discrete(1)
 
 
 class F1Callback(MetricEvalCallback):
-    """Evaluate, and keep the best model, by F1: key by key and control step by control step."""
+    """Evaluate and keep the best model by F1 over keys and control steps."""
 
     metric = "f1"
 
 
 class OnsetF1Callback(MetricEvalCallback):
-    """Evaluate, and keep the best model, by onset F1: is each note struck, and struck in time."""
+    """Evaluate and keep the best model by onset F1: is each note struck in time."""
 
     metric = "onset_f1"

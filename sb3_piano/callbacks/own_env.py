@@ -1,4 +1,4 @@
-"""An environment in which a callback plays, so that the training does not notice."""
+"""Evaluation environments of callbacks, isolated from the training."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from sb3_piano.vec_env import HandsAsAgents
 _REMEDY = "Expected an environment of its own, eval_env=..., or a training by 'sb3-piano train'."
 
 EnvWrapper: TypeAlias = Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]
-"""Puts a wrapper around a bare environment."""
+"""Function that wraps a bare environment."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunContext:
-    """Folder of a run's files, and a maker of environments like its own."""
+    """The folder of a run, and a factory of environments like its own."""
 
     folder: Path
     """The run's folder."""
@@ -51,7 +51,7 @@ class RunContext:
 
 
 class OwnEnvCallback(BaseCallback):
-    """A callback that plays in an environment of its own, so that the training does not notice.
+    """Base of callbacks that play in their own environment and leave the training unchanged.
 
     It is like the first of the training's, made by :meth:`_make_own_env` when a training starts,
     and closed at its end.
@@ -61,11 +61,11 @@ class OwnEnvCallback(BaseCallback):
     _own_env: VecEnv | None = None
 
     def use_run(self, run: RunContext) -> None:
-        """Take from a run what was not set otherwise: the environment, and places for files."""
+        """Set missing arguments from a run: the environment, and places for files."""
         self._run = run
 
     def _make_own_env(self, innermost: EnvWrapper | None = None) -> VecEnv:
-        """Return the environment, made anew."""
+        """Make the environment again and return it."""
         self._on_training_end()
         self._own_env = make_own_env(self.model, self._run, innermost)
         return self._own_env
@@ -78,14 +78,14 @@ class OwnEnvCallback(BaseCallback):
 
 @runtime_checkable
 class UsesRun(Protocol):
-    """A callback that wants to know its run before the training starts."""
+    """Protocol of callbacks that need their run before the training starts."""
 
     def use_run(self, run: RunContext) -> None:
-        """Take from the run what was not set otherwise."""
+        """Set missing arguments from the run."""
 
 
-def hand_over(run: RunContext, callbacks: Iterable[BaseCallback]) -> None:
-    """Give the run to all callbacks that ask for it, however deep they are nested.
+def set_run_context(run: RunContext, callbacks: Iterable[BaseCallback]) -> None:
+    """Call ``use_run`` of every callback that has it, at any depth of nesting.
 
     Callbacks are looked for in ``CallbackList`` and in the events of ``EventCallback`` and
     ``EvalCallback``.
@@ -130,7 +130,7 @@ def make_own_env(
 
 
 def sync_normalization(model: BaseAlgorithm, venv: VecEnv) -> None:
-    """Let an environment of :func:`make_own_env` normalise as the training does now."""
+    """Copy the training's present normalisation into an own environment."""
     training = model.get_env()
     if training is not None and model.get_vec_normalize_env() is not None:
         sync_envs_normalization(training, venv)
@@ -138,7 +138,7 @@ def sync_normalization(model: BaseAlgorithm, venv: VecEnv) -> None:
 
 @contextlib.contextmanager
 def preserve_random_state(model: BaseAlgorithm, seed: int | None) -> Iterator[None]:
-    """Give back the global random generators as they were, whatever draws from them meanwhile.
+    """Context manager that restores the global random generators on exit.
 
     Inside they start from a seed; ``None`` lets them go on.
     """
@@ -176,8 +176,7 @@ def copy_env(venv: VecEnv, innermost: EnvWrapper | None = None) -> VecEnv:
         return _rewrapped(venv, copy_env(venv.venv, innermost))
     if not isinstance(venv, DummyVecEnv):
         raise ConfigError(
-            f"The training's environments are in a {type(venv).__name__}, out of which none can be "
-            f"copied. {_REMEDY}"
+            f"An environment in a {type(venv).__name__} cannot be copied for a callback. {_REMEDY}"
         )
     copied = _copy_layers(venv.envs[0], innermost)
     return DummyVecEnv([lambda: copied])
@@ -229,7 +228,7 @@ def _copy_layers(env: gym.Env[Any, Any], innermost: EnvWrapper | None) -> gym.En
 
 
 def _deepcopy(thing: Any, memo: dict[int, Any], kind: type) -> Any:
-    """Return a copy; refuse what cannot be copied, such as an open file or a window."""
+    """Deep-copy an environment; raise an error that names an object without a copy."""
     try:
         return deepcopy(thing, memo)
     except (TypeError, ValueError, AttributeError, NotImplementedError) as error:

@@ -1,4 +1,4 @@
-"""Videos of the model's playing while it is being trained."""
+"""Callback that films the model during a training."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from sb3_piano.viewing.take import Take
 
 
 class PerformanceVideoCallback(OwnEnvCallback):
-    """Play an episode now and then, and save it as a video with sound.
+    """Play an episode at intervals, and save it as a video with sound.
 
-    Every ``video_freq`` calls, in an environment of its own, the policy plays without exploring.
-    ``step_<n>.mp4`` has pictures and sound, ``step_<n>.wav`` the sound alone and ``step_<n>.mid``
-    the notes, unless no key was pressed; n is the number of environment steps so far. A machine
-    that cannot draw gets the other two, and one warning.
+    Every ``video_freq`` calls the deterministic policy plays in an environment of its own.
+    ``step_<n>.mp4`` has pictures and sound, ``step_<n>.wav`` the sound and ``step_<n>.mid`` the
+    notes, unless no key was pressed; n is the number of environment steps. A machine that cannot
+    draw writes the other two, and one warning.
 
     A call is one step of all environments together: with ``n_envs`` environments, ``video_freq``
-    calls are ``video_freq * n_envs`` environment steps. The training does not notice: environment
-    and random generators are the callback's own.
+    calls are ``video_freq * n_envs`` environment steps. Environment and random generators are the
+    callback's own, so the training stays the same.
 
     Args:
         video_freq: Calls between two videos; 0 for none at all.
         folder: Where to write. By default ``videos`` in the folder of a run by ``sb3-piano train``;
             elsewhere it has to be given.
-        max_seconds: How much of the piece to play at most, s.
+        max_seconds: Longest part of the piece to play, s.
         width: Width of the picture, an even number of pixels, at most 1920.
         height: Height of the picture, an even number of pixels, at most 1080.
         view: "stage", "close", "top" or "roll".
@@ -72,7 +72,7 @@ class PerformanceVideoCallback(OwnEnvCallback):
         self._seed = seed
 
     def use_run(self, run: RunContext) -> None:
-        """Take the environment, and the place for the videos, from a run."""
+        """Set the environment, and the folder of the videos, from a run."""
         super().use_run(run)
         if self._folder is None:
             self._folder = run.folder / "videos"
@@ -99,14 +99,14 @@ class PerformanceVideoCallback(OwnEnvCallback):
         return True
 
     def play(self) -> Take:
-        """Return an episode that the model plays now, in the callback's environment."""
+        """Play an episode with the present model in the callback's environment."""
         assert self._own_env is not None, "a training is on"
         sync_normalization(self.model, self._own_env)
         with preserve_random_state(self.model, self._seed):
             return next(rollout(self.model, self._own_env, seed=self._seed))
 
     def _record(self, env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-        """Put a recorder around the environment inside, and a limit to what is played."""
+        """Wrap the inner environment with a recorder and a time limit."""
         if isinstance(env.unwrapped, PianoEnv):
             steps = int(self._max_seconds / env.unwrapped.config.control_timestep + 1e-9)
             env = TimeLimit(env, max(steps, 1))

@@ -1,4 +1,4 @@
-"""The environments of a training that choose among pieces, for those who say how likely each is."""
+"""Access to the piece-choosing environments of a training, for curriculum callbacks."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class PieceChoice:
 
     Args:
         venv: The environments of a training.
-        asker: Who asks, for the message.
+        caller: Name of the caller, for the message.
 
     Raises:
         ConfigError: If there are none.
     """
 
-    def __init__(self, venv: VecEnv, asker: str) -> None:
+    def __init__(self, venv: VecEnv, caller: str) -> None:
         self._venv = venv.unwrapped
         choosing = [i for i, has in enumerate(self._venv.env_is_wrapped(RandomPiece)) if has]
         names = self._venv.get_attr("piece_names", choosing)
@@ -34,7 +34,7 @@ class PieceChoice:
         """Names of the pieces that each environment chooses among."""
         if not self.pieces:
             raise ConfigError(
-                f"{asker} finds no environment that chooses among several pieces: expected more "
+                f"{caller} finds no environment that chooses among several pieces: expected more "
                 "pieces than environments (pieces, n_envs), or a sb3_piano.wrappers.RandomPiece "
                 "with two or more in env_wrapper."
             )
@@ -44,21 +44,21 @@ class PieceChoice:
 
     @property
     def names(self) -> list[str]:
-        """All pieces, each of them once."""
+        """Names of all pieces, without repetition."""
         return list(dict.fromkeys(name for own in self.pieces.values() for name in own))
 
     def playing(self, env: int) -> str | None:
-        """Return the piece of an environment's episode; ``None`` if it was not chosen there."""
+        """Return the piece of an environment's episode; ``None`` if it was set from outside."""
         (index,) = self._venv.get_attr("piece_index", env)
         return None if index is None else self.pieces[env][index]
 
     def has_begun(self, env: int) -> bool:
-        """Return whether a step of an environment's episode was played."""
+        """Return whether an environment's episode has had a step."""
         (steps,) = self._venv.get_attr("steps_played", env)
         return bool(steps)
 
     def features(self) -> dict[str, Features]:
-        """Return the features of all pieces; each is read once.
+        """Return the features of all pieces; each file is read once.
 
         Raises:
             ScoreError: If a piece cannot be read.
@@ -71,6 +71,6 @@ class PieceChoice:
         return found
 
     def set_weights(self, env: int, weights: Mapping[str, float]) -> None:
-        """Set how likely an environment's pieces are from its next episode on; others are not."""
+        """Set the probabilities of an environment's pieces from its next episode on."""
         own = [weights.get(name, 0.0) for name in self.pieces[env]]
         self._venv.env_method("set_piece_weights", own, indices=env)

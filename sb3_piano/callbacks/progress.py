@@ -1,4 +1,4 @@
-"""A progress bar that tells how well the last episode was played."""
+"""Progress bar with the score of the last episode."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from stable_baselines3.common.callbacks import ProgressBarCallback
 
 
 class PianoProgressBar(ProgressBarCallback):
-    """SB3's progress bar, with the return and the F1 of the last finished episode beside it.
+    """SB3's progress bar with return and F1 of the last finished episode.
 
     Only one such bar can be on the terminal at a time, and a training that ends with an error does
-    not tell its callbacks. Whoever starts the training closes the bar in any case::
+    not call its callbacks. So the caller of the training closes the bar::
 
         with contextlib.closing(PianoProgressBar()) as bar:
             model.learn(1000, callback=bar)
@@ -36,7 +36,7 @@ class PianoProgressBar(ProgressBarCallback):
         self.close()
 
     def close(self) -> None:
-        """Take the bar off the terminal; does nothing if it is not there."""
+        """Remove the bar from the terminal, if it is there."""
         if self._open:
             self._open = False
             super()._on_training_end()

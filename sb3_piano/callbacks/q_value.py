@@ -1,4 +1,4 @@
-"""What the critics expect, in the log."""
+"""Callback that logs Q-values."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from sb3_piano.settings import Count, checked
 
 
 class QValueCallback(BaseCallback):
-    """Log the Q-value of what was done: ``train/q_value``, for SAC, TD3, DDPG, TQC and CrossQ.
+    """Log the Q-value of stored actions (``train/q_value``): SAC, TD3, DDPG, TQC, CrossQ.
 
-    It is the mean, over a batch of the replay buffer, of the smallest of the critics' values of the
-    actions that were taken. A training is the same with it and without it. In YAML::
+    The value is the mean, over a batch of the replay buffer, of the least critic's value of the
+    stored actions. The callback does not change the training. In YAML::
 
         callback:
           - sb3_piano.callbacks.QValueCallback: {every: 1000}

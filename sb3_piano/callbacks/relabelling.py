@@ -1,4 +1,4 @@
-"""Episodes played again, under the score of what was played in them."""
+"""Replay of episodes under the score of what they played."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from sb3_piano.wrappers.score_wrapper import FixedScore
 
 @dataclass
 class Episode:
-    """Actions of an episode."""
+    """Actions of an episode, as played and as stored."""
 
     actions: list[Any] = field(default_factory=list)
-    """What the environment got in each control step."""
+    """Action of the environment in each control step."""
     stored_actions: list[Any] = field(default_factory=list)
-    """The same as the replay buffer has it."""
+    """The same as stored in the replay buffer."""
     steps_before: int = 0
-    """Control steps that the environment had played before, which schedules go by."""
+    """Control steps before the episode, which schedules depend on."""
 
 
 class Transition(NamedTuple):
@@ -52,11 +52,11 @@ class Relabelled(NamedTuple):
 
     transitions: list[Transition]
     sounding: float
-    """Share of the control steps in which a key sounds."""
+    """Share of the control steps with a sounding key."""
 
 
 class Stage:
-    """An environment in which actions are played again."""
+    """An environment that replays actions."""
 
     def __init__(self, venv: VecEnv, model: BaseAlgorithm) -> None:
         """Prepare an environment.
@@ -87,7 +87,7 @@ class Stage:
         )
 
     def relabelled(self, episode: Episode) -> Relabelled | None:
-        """Return an episode under the score of what was played, or ``None`` if there is none.
+        """Return the episode relabelled, or ``None`` if its notes form no valid score.
 
         Raises:
             RunError: If the same actions play something else the second time.
@@ -117,7 +117,7 @@ class Stage:
         return Relabelled(transitions, float(performance.key_active.any(axis=1).mean()))
 
     def _heard(self, episode: Episode) -> Performance:
-        """Return what an episode's actions play."""
+        """Replay an episode's actions; return the resulting performance."""
         duration = len(episode.actions) * self._piano.config.control_timestep
         note = dataclasses.replace(self._note, onset=0.0, offset=duration)
         self._env.reset(options={"transform": FixedScore(score=Score(notes=[note]))})
@@ -126,7 +126,7 @@ class Stage:
         return self._piano.performance
 
     def _steps(self, actions: Sequence[Any]) -> Iterator[tuple[Any, float, dict[str, Any]]]:
-        """Play actions and yield what follows each of them: observation, reward, info."""
+        """Play actions and yield observation, reward and info of each step."""
         for step, action in enumerate(actions, start=1):
             observation, reward, terminated, truncated, info = self._env.step(action)
             yield observation, float(reward), info
@@ -139,10 +139,10 @@ class Stage:
 
 
 def _piano_for(env: gym.Env[Any, Any], venv: VecEnv, model: BaseAlgorithm) -> PianoEnv:
-    """Return the piano in an environment in which a model's episodes are to be played again.
+    """Return the piano of an environment; refuse one that cannot replay episodes.
 
     Raises:
-        ConfigError: If they cannot.
+        ConfigError: If it cannot.
     """
     piano = env.unwrapped
     if not isinstance(piano, PianoEnv):

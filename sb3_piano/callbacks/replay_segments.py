@@ -1,4 +1,4 @@
-"""A replay buffer on disk, written piece by piece.
+"""A replay buffer on disk, written in segments.
 
 A full buffer of piano observations has about 9 GB. Each checkpoint therefore appends one file, a
 *segment*, with the rows added since the last one, and drops the segments whose rows have all been
@@ -46,7 +46,7 @@ class ReplayManifest:
 
 
 class ReplaySegments:
-    """Writes what a replay buffer gained since the last commit into a folder, which has to exist.
+    """Write new rows of a replay buffer since the last commit into an existing folder.
 
     ``saved`` is what is already on disk, after :func:`restore_replay_buffer`. The last saved row is
     written once more, since resuming marks it as the end of an episode.
@@ -81,7 +81,7 @@ class ReplaySegments:
         self._position = self._buffer.pos
 
     def write(self) -> ReplayManifest:
-        """Write the new rows as one segment and return what then makes up the buffer.
+        """Write the new rows as one segment; return the manifest of the whole buffer.
 
         Nothing is deleted and this object is unchanged: :meth:`committed` follows once the returned
         manifest is safe on disk.
@@ -101,7 +101,7 @@ class ReplaySegments:
         )
 
     def committed(self, manifest: ReplayManifest) -> None:
-        """Take note that a manifest of :meth:`write` is now the valid one."""
+        """Mark a manifest of :meth:`write` as the valid one."""
         self._segments = manifest.segments
         self._written = manifest.total
 
@@ -115,7 +115,7 @@ class ReplaySegments:
 
 
 def restore_replay_buffer(buffer: ReplayBuffer, folder: Path, saved: ReplayManifest) -> None:
-    """Fill a new buffer with the rows, the position and the ``full`` flag that were saved.
+    """Fill a new buffer with the saved rows, position and ``full`` flag.
 
     With ``optimize_memory_usage`` the observation after the last row is not restored; resuming
     ends the episode at that row, so that it is never used.

@@ -17,11 +17,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 TRUST = (
-    "Trust: the model.zip and vecnormalize.pkl of a run are Python pickles, and loading one runs "
-    "whatever code is in it; config.yml and --config import the modules that they name, and a data "
-    "set makes the environment that it names. So use those only of people whom you trust. Runs "
-    "that 'sb3-piano export' wrote have no pickles: a folder with policy.safetensors is played "
-    "without unpickling anything."
+    "Trust: a run's model.zip is a Python pickle, and a config imports the modules that it names: "
+    "use those only of people whom you trust. What 'sb3-piano export' wrote has no pickles."
 )
 """Part of the help of every command that loads a run, settings or a data set."""
 
@@ -32,6 +29,19 @@ _FILE_WIDTH = 160
 
 # See sb3_piano.training.evaluation.statistics.bootstrap_interval, where the figures come from.
 _FEW_VALUES = 10
+
+
+class Paragraphs(argparse.HelpFormatter):
+    """Keep the paragraphs of a description apart, and lines that are indented as they are."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs = [paragraph for paragraph in text.split("\n\n") if paragraph.strip()]
+        return "\n\n".join(
+            paragraph
+            if paragraph.startswith("  ")
+            else super(Paragraphs, self)._fill_text(paragraph, width, indent)
+            for paragraph in paragraphs
+        )
 
 
 def whole_number(text: str) -> int:
@@ -170,7 +180,7 @@ def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[st
 
 def env_options(settings: Iterable[str]) -> dict[str, Any]:
     """Return the options of an environment that ``--set`` was given as ``NAME=VALUE``."""
-    from sb3_piano.training.configuration.yaml_files import parse_yaml
+    from sb3_piano.training.configuration.plain_yaml import parse_yaml
 
     found = {}
     for setting in settings:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from collections import defaultdict
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
@@ -50,16 +52,17 @@ def add_arguments(parser: Any) -> None:
 
 
 def _corpus(arguments: argparse.Namespace) -> int:
-    from sb3_piano.jobs import open_executor
+    from sb3_piano.jobs import open_executor, status
+    from sb3_piano.jobs.folders import shared_folder
     from sb3_piano.pipelines import CorpusConfig, record_corpus
-    from sb3_piano.pipelines.corpus import corpus_status
+    from sb3_piano.pipelines.corpus import corpus_jobs
 
     config = CorpusConfig(
         **given(arguments, CorpusConfig), env_kwargs=env_options(arguments.set or ())
     )
     if arguments.status:
         table = new_table("shard", "state", left=2)
-        for shard in corpus_status(config, arguments.out):
+        for shard in status(corpus_jobs(config, shared_folder(arguments.out))):
             add_row(table, shard.job.name, shard.state)
         print_table(table)
         return EXIT_OK
@@ -80,12 +83,13 @@ def _corpus(arguments: argparse.Namespace) -> int:
 
 
 def _show(corpus: RecordedCorpus) -> None:
-    from sb3_piano.pipelines.corpus import summary
-
+    played: dict[Any, list[Any]] = defaultdict(list)
+    for notes in (notes for shard in corpus.shards for notes in shard.episodes):
+        played[notes["player"], notes["noise"]].append(notes)
     table = new_table("player", "noise, rad", "performances", "F1", "onset F1")
-    for (player, noise), (count, *scores) in summary(corpus.shards).items():
-        shown = [f"{score:.3f}" for score in scores]
-        add_row(table, player, f"{noise:g}", str(count), *shown)
+    for (player, noise), each in played.items():
+        shown = [f"{fmean(notes[name] for notes in each):.3f}" for name in ("f1", "onset_f1")]
+        add_row(table, player, f"{noise:g}", str(len(each)), *shown)
     print_table(table)
     if corpus.skipped:
         number, why = next(iter(corpus.skipped.items()))

@@ -47,8 +47,9 @@ def add_arguments(parser: Any) -> None:
 
 
 def _curriculum(arguments: argparse.Namespace) -> int:
+    from sb3_piano.jobs import status
     from sb3_piano.pipelines import load_curriculum, run_curriculum
-    from sb3_piano.pipelines.curriculum import curriculum_status
+    from sb3_piano.pipelines.curriculum import curriculum_jobs
 
     options: dict[str, Any] = {"progress_bar": not arguments.no_progress}
     if arguments.checkpoint_every is not None:
@@ -63,7 +64,7 @@ def _curriculum(arguments: argparse.Namespace) -> int:
     curriculum = load_curriculum(folder if arguments.file is None else arguments.file)
     if arguments.status:
         place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)
-        _show(curriculum_status(place))
+        _show(status(curriculum_jobs(place, load_curriculum(place))))
         return EXIT_OK
     number = {name: n for n, name in enumerate(curriculum.run_names, start=1)}
 

@@ -130,7 +130,8 @@ def _player(
 ) -> Iterator[tuple[Player, gym.Env[Any, Any], str]]:
     """Give who plays, where, and what the data set is called by default."""
     from sb3_piano.training import RunFolder
-    from sb3_piano.training.playing.player import player_to_record, titles_of_copies
+    from sb3_piano.training.playing.recording import player_to_record
+    from sb3_piano.training.playing.run_player import titles_of_copies
 
     what = arguments.what
     if os.path.isdir(what):

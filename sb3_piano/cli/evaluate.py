@@ -26,7 +26,7 @@ from sb3_piano.cli.common import (
 from sb3_piano.cli.losses import HELP, print_losses
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.metrics import DEFINITIONS
-from sb3_piano.metrics.episode import FINGER_SHARES, Definition, has_value
+from sb3_piano.metrics.episode import FINGER_SHARES, definition_of, has_value, in_order
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -84,17 +84,13 @@ def evaluate_run(run: str) -> None:
 
 def label(name: str) -> str:
     """Return what a metric is called where it stands alone; one from elsewhere by its name."""
-    known = _definition(name)
+    known = definition_of(name)
     return _with_unit(known.label, known.unit)
 
 
 def rounded(name: str, *values: float) -> str:
     """Return the value of a metric, or both ends of an interval, with its number of decimals."""
-    return "..".join(map(_definition(name).rounded, values))
-
-
-def _definition(name: str) -> Definition:
-    return DEFINITIONS.get(name, Definition(name, "", name, "", name))
+    return "..".join(map(definition_of(name).rounded, values))
 
 
 def _with_unit(text: str, unit: str) -> str:
@@ -109,7 +105,8 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     players = arguments.runs
     if arguments.tree is not None:
         players = [f"tree:{TreeSettings.parse(arguments.tree)}:{run}" for run in players]
-    refuse_unknown(arguments.metrics or [], DEFINITIONS, "metric")
+    named = (n for n in arguments.metrics or [] if definition_of(n).section != "Return")
+    refuse_unknown(named, DEFINITIONS, "metric")  # reward terms may be of one's own
     seeds, scores = arguments.seeds or [arguments.seed], arguments.score or []
     count = sum(len(scores) or _n_pieces(run) for run in arguments.runs)
     arguments.no_progress |= count == 1
@@ -247,16 +244,15 @@ def _one_run_table(evaluation: Evaluation, metrics: Sequence[str] | None) -> Tab
         add_row(table, f"  {text}", policy, *extra)
 
     compact = {"noop_f1", *FINGER_SHARES}  # in a column, or five in a row
-    wanted = DEFINITIONS.keys() - compact if metrics is None else metrics
-    names = [name for name in DEFINITIONS if name in mean and name in wanted]
-    for section, group in itertools.groupby(names, key=lambda name: DEFINITIONS[name].section):
+    names = [n for n in in_order(mean) if (n not in compact if metrics is None else n in metrics)]
+    for section, group in itertools.groupby(names, key=lambda name: definition_of(name).section):
         table.add_section()
         add_row(table, section, style="bold")
         for name in group:
             value = _value(mean, name)
             if len(evaluation.episodes) > 1 and value != _NOTHING:
                 value += f" ± {rounded(name, evaluation.std[name])}"
-            text = _with_unit(DEFINITIONS[name].short, DEFINITIONS[name].unit)
+            text = _with_unit(definition_of(name).short, definition_of(name).unit)
             add(text, value, _interval(evaluation, name), _value(baseline or {}, name))
         if section == "Fingers" and metrics is None:
             for text, of in _SHARES.items():

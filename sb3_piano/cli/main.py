@@ -12,13 +12,14 @@ import os
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
 import sb3_piano
 from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_OK,
+    Paragraphs,
     check_output_file,
     command,
     tell_errors,
@@ -34,50 +35,120 @@ from sb3_piano.exceptions import (
 from sb3_piano.interrupts import ended_as_by_ctrl_c
 from sb3_piano.text import escaped, told
 
-_COMMANDS = {
-    "train": ("train:add_arguments", "train a model, or go on training one"),
+COMMANDS = {
+    "train": (
+        "train:add_arguments",
+        "train a model, or go on training one",
+        "train --env RoboPianist-debug-CMajorScaleTwoHands-v0 --config fast",
+    ),
     "curriculum": (
         "curriculum:add_arguments",
         "train stages one after the other, each from what the one before has learnt",
+        "curriculum curriculum.yml --run runs/curriculum",
     ),
-    "sweep": ("sweep:add_arguments", "train a grid of pieces, algorithms, settings and seeds"),
-    "plan": ("plan:add_arguments", "plan a piece, and refine the plan in simulation"),
-    "tune": ("tune:add_arguments", "search hyperparameters with Optuna"),
-    "evaluate": ("evaluate:add_arguments", "let trained models and other players play"),
-    "compare": ("compare:add_arguments", "compare two evaluations piece by piece"),
-    "results": ("sb3_piano.lab.results.command:add_arguments", "evaluations that others can check"),
-    "play": ("play:add_arguments", "watch and hear who plays a piece"),
+    "sweep": (
+        "sweep:add_arguments",
+        "train a grid of pieces, algorithms, settings and seeds",
+        "sweep grid.yml",
+    ),
+    "plan": (
+        "plan:add_arguments",
+        "plan a piece, and refine the plan in simulation",
+        "plan my.mid --refine 5 --out my.npz",
+    ),
+    "tune": (
+        "tune:add_arguments",
+        "search hyperparameters with Optuna",
+        "tune --midi my.mid --trials 20",
+    ),
+    "evaluate": (
+        "evaluate:add_arguments",
+        "let trained models and other players play, and score them",
+        "evaluate runs/sac/RoboPianist-v0_1 --episodes 5",
+    ),
+    "compare": (
+        "compare:add_arguments",
+        "compare two evaluations piece by piece",
+        "compare before.json after.json",
+    ),
+    "results": (
+        "sb3_piano.lab.results.command:add_arguments",
+        "measure, check and tabulate evaluations that others can check",
+        "results check results.json --all",
+    ),
+    "play": (
+        "play:add_arguments",
+        "watch and hear who plays a piece",
+        "play my.mid --view close",
+    ),
     "report": (
         "play:add_report_arguments",
         "write an HTML page: piano roll, fingers, reward, training",
+        "report runs/sac/RoboPianist-v0_1",
     ),
     "record": (
         "demonstrations:add_record_arguments",
         "write performances as a data set to learn from",
+        "record my.mid --out piano/my-v0 --episodes 20",
     ),
-    "clone": ("demonstrations:add_clone_arguments", "make a run whose model imitates a data set"),
+    "clone": (
+        "demonstrations:add_clone_arguments",
+        "make a run whose model imitates a data set",
+        "clone piano/my-v0 --algo sac",
+    ),
     "corpus": (
         "corpus:add_arguments",
         "record a corpus of performances of many pieces, or go on recording it",
+        "corpus corpus.yml --out corpus",
     ),
     "distill": (
         "sb3_piano.lab.distillation.command:add_arguments",
         "make a policy that plays any piece, by imitating a planned pianist",
+        "distill --config distill.yml --out hand",
     ),
-    "pieces": ("pieces:add_arguments", "import, list, show, rank and export pieces"),
+    "pieces": (
+        "pieces:add_arguments",
+        "import, list, show, rank and export pieces",
+        "pieces show my.mid",
+    ),
     "export": (
         "sb3_piano.lab.web.command:add_arguments",
         "write a run for others to play, without pickles; or the files of the web page",
+        "export runs/sac/RoboPianist-v0_1 my-pianist",
     ),
-    "bench": ("sb3_piano.lab.bench.command:add_arguments", "measure speed and memory"),
-    "presets": ("main:_add_presets", "list the YAML files that come with the package"),
-    "envs": ("main:_add_envs", "list the environment ids"),
+    "bench": (
+        "sb3_piano.lab.bench.command:add_arguments",
+        "measure speed and memory",
+        "bench --only simulation",
+    ),
+    "presets": (
+        "main:_add_presets",
+        "list the YAML files that come with the package, and what each is for",
+        "presets fast",
+    ),
+    "envs": (
+        "main:_add_envs",
+        "list the environment ids, and what each plays",
+        "envs scale",
+    ),
 }
-"""Function that adds the arguments of a command, and what it is for.
+"""Function that adds the arguments of a command, what it is for, and an example.
 
 Its module is beside this one or has an import path. It is imported when its command is given, so
 that ``--help`` needs none of them.
 """
+
+_PLAYS = {
+    "RoboPianist-v0": "any score",
+    "RoboPianist-selfactuated-v0": "any score; keys without hands",
+    "debug": "a short piece of RoboPianist's",
+    "scale": "a scale",
+    "arpeggio": "an arpeggio",
+    "hanon": "an exercise of Hanon's",
+    "repertoire": "a piece of the repertoire",
+    "encore": "an encore, harder than the repertoire",
+}
+"""What an environment plays, by its id or the beginning of its piece's name."""
 
 _COMPLETION = "print the completion of a shell, such as for ~/.local/share/bash-completion"
 
@@ -130,7 +201,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(given: Sequence[str]) -> int:
     """Run a command, and tell what went wrong."""
     try:
-        arguments = _parser(given).parse_args(given)
+        arguments = parser_of(given).parse_args(given)
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
         with _warnings_told(), _threads_told(), ended_as_by_ctrl_c():
@@ -223,11 +294,11 @@ class _Completion(argparse.Action):
     def __call__(self, parser: Any, namespace: Any, value: Any, option: Any = None) -> None:
         import shtab
 
-        print(shtab.complete(_parser(), value))
+        print(shtab.complete(parser_of(), value))
         parser.exit()
 
 
-def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
+def parser_of(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
     """Return the parser, with the arguments of the command that is given; by default of all."""
     parser = argparse.ArgumentParser(
         prog="sb3-piano",
@@ -239,33 +310,48 @@ def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     first = [argument for argument in given or () if not argument.startswith("-")][:1]
-    for name, (place, about) in _COMMANDS.items():
-        own = commands.add_parser(name, help=about)
+    for name, (place, about, example) in COMMANDS.items():
+        own = commands.add_parser(name, help=about, formatter_class=Paragraphs)
         if given is None or name in first:
             where, function = place.split(":")
             module = importlib.import_module(where if "." in where else f"sb3_piano.cli.{where}")
             getattr(module, function)(own)
+        about = f"{about[0].upper()}{about[1:]}."
+        own.description = f"{about}\n\n  sb3-piano {example}\n\n{own.description or ''}"
     return parser
 
 
 def _add_presets(parser: Any) -> None:
-    command(parser, _presets)
+    command(parser, _presets)("text", "TEXT", "list only those that have this text", nargs="?")
 
 
 def _add_envs(parser: Any) -> None:
-    command(parser, _envs)
+    command(parser, _envs)("text", "TEXT", "list only those that have this text", nargs="?")
 
 
 def _presets(arguments: argparse.Namespace) -> int:
-    from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS
+    from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS, purpose
 
-    for files in (PRESETS, *NAMED.values(), FINE_TUNING):
-        print(*files.values(), sep="\n")
-    return EXIT_OK
+    files = [f for files in (PRESETS, *NAMED.values(), FINE_TUNING) for f in files.values()]
+    return _print_list({str(file): purpose(file) for file in files}, arguments.text)
 
 
 def _envs(arguments: argparse.Namespace) -> int:
     from sb3_piano.registration import ENV_IDS, imported_ids
 
-    print(*ENV_IDS, *imported_ids(), sep="\n")
+    about = {env_id: _PLAYS.get(env_id) or _PLAYS[env_id.split("-")[1]] for env_id in ENV_IDS}
+    imported = dict.fromkeys(imported_ids(), "an imported piece")
+    return _print_list(about | imported, arguments.text)
+
+
+def _print_list(rows: Mapping[str, str], text: str | None) -> int:
+    """Print names and what each is, of those in which a text occurs."""
+    shown = {name: is_ for name, is_ in rows.items() if (text or "").lower() in name.lower()}
+    if not shown:
+        return tell_errors(
+            f"Nothing has {text!r} in its name: expected a part of one of {len(rows)}."
+        )
+    width = max(map(len, shown))
+    for name, is_ in shown.items():
+        print(f"{name:{width}}  {is_}")
     return EXIT_OK

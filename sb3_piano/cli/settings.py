@@ -46,7 +46,7 @@ def add_settings(add: Add, kind: Any, *names: str, **texts: str) -> None:
 def given(arguments: argparse.Namespace, kind: Any) -> Mapping[str, Any]:
     """Return the fields of a settings class that were given as options."""
     named = {field.name: getattr(arguments, field.name, None) for field in dataclasses.fields(kind)}
-    return {name: value for name, value in named.items() if value not in (None, False)}
+    return {n: value for n, value in named.items() if value is not None and value is not False}
 
 
 def _without_none(kind: Any) -> Any:

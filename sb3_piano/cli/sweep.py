@@ -43,9 +43,9 @@ def add_arguments(parser: Any) -> None:
 
 
 def _sweep(arguments: argparse.Namespace) -> int:
+    from sb3_piano.jobs import status
     from sb3_piano.jobs.folders import shared_folder
     from sb3_piano.pipelines import load_sweep, sweep
-    from sb3_piano.pipelines.sweep import sweep_status
 
     config = load_sweep(arguments.file)
     default = Path("runs/sweeps", Path(arguments.file).stem)
@@ -53,7 +53,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
         shared_folder(url)
     folder = Path(arguments.run or default)
     if arguments.status:
-        _show(sweep_status(config, folder))
+        _show(status(config.jobs(folder)))
         return EXIT_OK
     with progress_bar(arguments, "runs") as tell:
 

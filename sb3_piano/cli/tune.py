@@ -18,6 +18,7 @@ from sb3_piano.cli.common import (
     what_is_played,
     whole_number,
 )
+from sb3_piano.cli.settings import given
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import DEFAULT_ALGORITHM
 
@@ -79,12 +80,6 @@ def _tune(arguments: argparse.Namespace) -> int:
         raise ConfigError(
             f"--name is {name!r}: expected the name of a folder in --studies-dir, not a path."
         )
-    search = Search(
-        sampler=arguments.sampler,
-        pruner=arguments.pruner,
-        startup_trials=arguments.startup_trials,
-        seed=arguments.seed,
-    )
     result = tune(
         config,
         Path(arguments.studies_dir, name),
@@ -93,7 +88,7 @@ def _tune(arguments: argparse.Namespace) -> int:
         workers=arguments.workers,
         ray=arguments.ray,
         storage=arguments.storage,
-        search=search,
+        search=Search(**given(arguments, Search)),
         progress_bar=not arguments.no_progress,
     )
     _show(result, config, arguments)
@@ -108,19 +103,15 @@ def _config(arguments: argparse.Namespace) -> StudyConfig:
 
     env_id, overrides = what_is_played(arguments)
     overrides["n_timesteps"] = arguments.steps
-    return StudyConfig(
-        algo=arguments.algo,
-        env_id=env_id,
-        entry=load_entry(arguments.algo, env_id, arguments.config, **overrides),
-        space=load_space(arguments.space or (), arguments.algo),
-        metric=arguments.metric,
-        objective=arguments.objective,
-        seeds=tuple(range(arguments.seeds)),
-        eval_seed=arguments.eval_seed,
-        eval_episodes=arguments.eval_episodes,
-        n_evaluations=arguments.evaluations,
-        minutes=arguments.minutes,
-    )
+    settings = {
+        **given(arguments, StudyConfig),
+        "env_id": env_id,
+        "entry": load_entry(arguments.algo, env_id, arguments.config, **overrides),
+        "space": load_space(arguments.space or (), arguments.algo),
+        "seeds": tuple(range(arguments.seeds)),
+        "n_evaluations": arguments.evaluations,
+    }
+    return StudyConfig(**settings)
 
 
 def _default_name(arguments: argparse.Namespace, config: StudyConfig) -> str:

@@ -1,4 +1,4 @@
-"""Demonstrations: performances as Minari data sets, for replay buffers and for cloning."""
+"""Demonstrations: Minari data sets of performances, for replay buffers and cloning."""
 
 from sb3_piano.demonstrations.cloning import Cloning, clone_behaviour, fill_replay_buffer
 from sb3_piano.demonstrations.dataset import EXPERT_ACTION, open_dataset, require_minari

@@ -1,4 +1,4 @@
-"""Learning from data sets: behaviour cloning, and replay buffers that begin with them."""
+"""Behaviour cloning, and replay buffers filled from data sets."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ DEFAULT_LOG_STD = -3.5
 """About 0.03 of half an action range: no more than the noise that a planned pianist survives."""
 
 _CONSTANT = 1e-8
-"""A variance up to which a number of the observation counts as one that never changes."""
+"""Up to this variance a number of the observation counts as constant."""
 
 
 def fill_replay_buffer(target: BaseAlgorithm | ReplayBuffer, dataset: MinariDataset | str) -> int:
     """Add the transitions of a data set to a replay buffer, as if the model had played them.
 
     Observations and rewards are stored as the environment gave them; ``VecNormalize`` works on
-    samples. Actions are those that were played, scaled to [-1, 1] as all of Stable-Baselines3's. An
-    episode's end by its time limit counts as going on, if the buffer handles that.
+    samples. Actions are the played ones, scaled to [-1, 1] as Stable-Baselines3 does. The end of an
+    episode by its time limit is not terminal, if the buffer handles that.
 
-    A buffer of several environments gets an equal, unbroken stretch for each; where one breaks off
-    an episode, that counts as a time limit. At most one transition fewer than there are
-    environments is left out, at the end.
+    A buffer of several environments gets an equal, unbroken stretch for each; a stretch that cuts
+    an episode counts as a time limit. Fewer transitions than environments may be left out at the
+    end.
 
     Args:
         target: An off-policy model, or its replay buffer.
@@ -79,10 +79,10 @@ def fill_replay_buffer(target: BaseAlgorithm | ReplayBuffer, dataset: MinariData
 def check_spaces(
     dataset: MinariDataset, observation_space: spaces.Space, action_space: spaces.Space
 ) -> None:
-    """Refuse a data set whose observations or actions are others than a model's.
+    """Raise an error unless a data set has the model's observations and actions.
 
     Raises:
-        ConfigError: If they are.
+        ConfigError: If they differ.
     """
     for name, theirs, ours in (
         ("observations", dataset.observation_space, observation_space),
@@ -98,7 +98,7 @@ def check_spaces(
 
 
 def scaled_actions(actions: npt.NDArray[Any], space: spaces.Space) -> npt.NDArray[Any]:
-    """Return actions as Stable-Baselines3 stores them: those of a ``Box`` scaled to [-1, 1]."""
+    """Scale actions of a ``Box`` to [-1, 1], as Stable-Baselines3 stores them."""
     assert isinstance(space, spaces.Box), "checked with the data set"
     return 2.0 * (actions - space.low) / (space.high - space.low) - 1.0
 
@@ -135,7 +135,7 @@ class Cloning:
     """Result of :func:`clone_behaviour`."""
 
     n_transitions: int
-    """Transitions that were learnt from."""
+    """Number of transitions."""
     losses: tuple[float, ...]
     """Mean squared error of the actions, scaled to [-1, 1], in each epoch."""
 
@@ -154,11 +154,11 @@ def clone_behaviour(
     buffer: int = DEFAULT_BUFFER,
     on_epoch: Callable[[float], object] = lambda loss: None,
 ) -> Cloning:
-    """Train the actor of an off-policy model to the actions that a data set calls right.
+    """Train the actor of an off-policy model on the expert actions of a data set.
 
-    The loss is the squared error of the action that the model plays without exploring; the
-    learning rate falls to 0 along a half cosine. Critics are left as they are. Where the model has
-    ``VecNormalize`` with normalised observations, its statistics are set to those of the data set.
+    The loss is the squared error of the deterministic action; the learning rate falls to 0 along a
+    half cosine. Critics stay unchanged. If the model has ``VecNormalize`` with normalised
+    observations, its statistics become those of the data set.
 
     Args:
         model: A model of SAC, TQC, TD3 or DDPG.
@@ -172,7 +172,7 @@ def clone_behaviour(
         seed: Shuffles the transitions.
         buffer: Transitions that are held in memory, at least 1; a larger corpus is read shard by
             shard in each epoch, see :class:`~sb3_piano.demonstrations.streaming.ShuffledRows`.
-        on_epoch: Is called with the loss of each epoch.
+        on_epoch: Called with the loss of each epoch.
 
     Raises:
         ConfigError: If a number is out of range, the model has no actor, or the data set does not
@@ -186,8 +186,7 @@ def clone_behaviour(
     actor = getattr(model.policy, "actor", None)
     if not isinstance(actor, torch.nn.Module):
         raise ConfigError(
-            f"A {type(model).__name__} has no actor to be cloned into: expected SAC, TQC, TD3 or "
-            "DDPG."
+            f"A {type(model).__name__} has no actor to clone into: expected SAC, TQC, TD3 or DDPG."
         )
     rows = _rows(model, dataset, buffer)
     if log_std is not None:
@@ -209,7 +208,7 @@ def clone_behaviour(
 def _rows(
     model: BaseAlgorithm, dataset: MinariDataset | RecordedCorpus | str, buffer: int
 ) -> ShuffledRows:
-    """Return what the model will see, by statistics that are set to the data's, and the targets."""
+    """Return normalised observations and target actions; set the statistics to the data's."""
     found = open_recorded(dataset)
     reads: list[Callable[[], Transitions]]
     if isinstance(found, RecordedCorpus):
@@ -247,7 +246,7 @@ def _epochs(
     learning_rate: float,
     seed: int,
 ) -> Iterator[float]:
-    """Train the actor, and yield the mean loss of each epoch."""
+    """Train the actor and yield the mean loss of each epoch."""
     optimizer = torch.optim.Adam(actor.parameters(), learning_rate, fused=True)
     updates = epochs * math.ceil(len(rows) / batch_size)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
@@ -268,7 +267,7 @@ def _epochs(
 
 
 def _set_statistics(model: BaseAlgorithm, parts: Iterable[npt.NDArray[Any]]) -> None:
-    """Set the statistics by which observations are normalised, if they are, to those of parts."""
+    """Set the statistics of ``VecNormalize``, if used, to those of the data."""
     normalizer = model.get_vec_normalize_env()
     if normalizer is None or not normalizer.norm_obs:
         return

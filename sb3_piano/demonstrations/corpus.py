@@ -1,4 +1,4 @@
-"""Corpora that were recorded: shards in a folder, read one at a time."""
+"""Recorded corpora: shards in a folder, read one at a time."""
 
 from __future__ import annotations
 
@@ -17,10 +17,13 @@ if TYPE_CHECKING:
     from minari import MinariDataset
 
 INDEX = "index.json"
-"""Name of the file that says that a corpus is whole."""
+"""Name of the index file, which marks a corpus as complete."""
+
+CONFIG = "corpus.yml"
+"""Name of the file of its settings, which a corpus has from the beginning."""
 
 DATA = "data"
-"""Name of the folder of its data sets."""
+"""Name of the folder of data sets."""
 
 _AGAIN = "give the command that recorded it again."
 
@@ -34,18 +37,18 @@ class _Index:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedCorpus:
-    """A corpus that is whole; :meth:`open` reads its manifests, and nothing of its data."""
+    """A complete corpus; :meth:`open` reads its manifests only."""
 
     folder: Path
-    """Its folder."""
+    """Folder of the corpus."""
     content: str
-    """SHA-256 of the contents of its shards, the same whoever recorded it."""
+    """SHA-256 of the contents of all shards, independent of the recording processes."""
     pieces: tuple[str, ...]
     """Names and files of the pieces."""
     shards: tuple[Shard, ...]
-    """Its data sets, but for those in which nothing could be played."""
+    """Data sets, without those in which no performance succeeded."""
     skipped: Mapping[str, str]
-    """Why a performance, by its number, could not be played."""
+    """Reason for each failed performance, by its number."""
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str]) -> RecordedCorpus:
@@ -59,8 +62,8 @@ class RecordedCorpus:
         index = read_json(place / INDEX, _Index, _AGAIN)
         if index is None:
             raise ConfigError(
-                f"There is no whole corpus in '{place}', it has no {INDEX}: expected one that "
-                f"'sb3-piano corpus' recorded; where that was interrupted, {_AGAIN}"
+                f"'{place}' has no complete corpus, as it has no {INDEX}: expected the folder of a "
+                f"finished 'sb3-piano corpus'; if it was interrupted, {_AGAIN}"
             )
         shards = []
         for name, content in index.shards.items():
@@ -78,16 +81,16 @@ class RecordedCorpus:
 
     @property
     def root(self) -> Path:
-        """The folder of its data sets."""
+        """Folder of the data sets."""
         return self.folder / DATA
 
     @property
     def steps(self) -> int:
-        """Control steps of all performances."""
+        """Number of control steps of all performances."""
         return sum(shard.steps for shard in self.shards)
 
     def dataset(self, shard: Shard) -> MinariDataset:
-        """Return the data set of a shard, whose files are checked.
+        """Check the files of a shard and return its data set.
 
         Raises:
             ConfigError: If it is damaged.
@@ -100,12 +103,12 @@ class RecordedCorpus:
 
 
 def open_recorded(source: MinariDataset | RecordedCorpus | str) -> MinariDataset | RecordedCorpus:
-    """Return a data set or a corpus, given, by its name or by its folder.
+    """Open a data set or a corpus by name or folder; return an open one unchanged.
 
     Raises:
         ConfigError: If there is none, or it cannot be read.
         MissingPackageError: If Minari is not installed.
     """
-    if isinstance(source, str) and (Path(source) / INDEX).is_file():
+    if isinstance(source, str) and any((Path(source) / n).is_file() for n in (CONFIG, INDEX)):
         return RecordedCorpus.open(source)
     return source if isinstance(source, RecordedCorpus) else open_dataset(source)

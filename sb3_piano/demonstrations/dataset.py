@@ -1,4 +1,4 @@
-"""Minari data sets: where they are, their transitions, and new ones that are written."""
+"""Minari data sets: folders, reading of transitions, and writing."""
 
 from __future__ import annotations
 
@@ -34,27 +34,27 @@ if TYPE_CHECKING:
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
 EXPERT_ACTION = "expert_action"
-"""Name in a data set's ``infos`` of what the policy would have done. Row ``i`` goes with row ``i``
+"""Key in a data set's ``infos`` for the policy's own action. Row ``i`` goes with row ``i``
 of the observations; the last one, in which nothing is played any more, is NaN if it can be."""
 
 
 _UNFINISHED = ".recording-"
 _SPARE = 2**18
-"""Bytes of an HDF5 file that an episode takes beside its arrays, and more."""
+"""Upper bound of an episode's bytes in an HDF5 file beside its arrays."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Transitions:
-    """All transitions of a data set, in their order."""
+    """All transitions of a data set, in order."""
 
     observations: npt.NDArray[Any]
     """(N, ...)"""
     next_observations: npt.NDArray[Any]
     """(N, ...)"""
     actions: npt.NDArray[Any]
-    """(N, ...) what was played."""
+    """(N, ...) played actions."""
     expert_actions: npt.NDArray[Any]
-    """(N, ...) what the policy would have done; of a data set without that, what was played."""
+    """(N, ...) the policy's own actions; the played ones if the data set has none."""
     rewards: npt.NDArray[np.float64]
     """(N,)"""
     terminations: npt.NDArray[np.bool_]
@@ -67,7 +67,7 @@ class Transitions:
 
     @classmethod
     def of(cls, dataset: MinariDataset | str) -> Transitions:
-        """Return the transitions of a data set, given or by its name.
+        """Read the transitions of a data set, given or by name.
 
         Raises:
             ConfigError: If there is none, it is damaged or empty, or its observations or actions
@@ -99,7 +99,7 @@ class Transitions:
 
 
 def open_dataset(dataset: MinariDataset | str, root: Path | None = None) -> MinariDataset:
-    """Return a data set of this machine, given or by its name, in the folder ``root`` of all.
+    """Open a data set by name in the folder ``root``; return an open one unchanged.
 
     Raises:
         ConfigError: If there is none of that name, or it cannot be read.
@@ -123,7 +123,7 @@ def open_dataset(dataset: MinariDataset | str, root: Path | None = None) -> Mina
 
 
 def _check_claims(folder: Path) -> None:
-    """Refuse what claims far more than is there, for which memory would be taken."""
+    """Raise an error if a data set claims more episodes than its files hold."""
     claimed = json.loads(read_file(folder / "metadata.json"))["total_episodes"]
     file = folder / "main_data.hdf5"
     episodes = check_hdf5(file) if os.path.exists(file) else len(os.listdir(folder))
@@ -133,7 +133,7 @@ def _check_claims(folder: Path) -> None:
 
 @contextlib.contextmanager
 def reading(dataset_id: str, place: Path | None = None) -> Iterator[None]:
-    """Name the data set, and its folder, in whatever Minari and HDF5 raise at a damaged one.
+    """Re-raise errors of Minari and HDF5 with the name and folder of the data set.
 
     Raises:
         ConfigError: In place of any error in the block that is none of this package's.
@@ -150,7 +150,7 @@ def reading(dataset_id: str, place: Path | None = None) -> Iterator[None]:
 
 
 def _check_rows(dataset: MinariDataset, episode: EpisodeData) -> None:
-    """Refuse an episode whose arrays are no numbers, or have not the rows of the others."""
+    """Raise an error unless an episode's arrays are numbers with equal rows."""
     steps = len(episode.rewards)
     for name, array, shape in (
         ("observations", episode.observations, (steps + 1, *dataset.observation_space.shape)),
@@ -169,14 +169,14 @@ def _check_rows(dataset: MinariDataset, episode: EpisodeData) -> None:
 
 
 def dataset_root() -> Path:
-    """Return the folder with all data sets: MINARI_DATASETS_PATH, or Minari's default."""
+    """Return the folder of all data sets: MINARI_DATASETS_PATH, or Minari's default."""
     from minari.storage import get_dataset_path
 
     return get_dataset_path()
 
 
 def dataset_folder(dataset_id: str, root: Path | None = None) -> Path:
-    """Return the folder of a data set, which need not exist, in that of all data sets.
+    """Return the folder of a data set, which need not exist.
 
     Raises:
         ConfigError: If it is no valid name.
@@ -194,7 +194,7 @@ def dataset_folder(dataset_id: str, root: Path | None = None) -> Path:
 
 
 def require_minari() -> None:
-    """Raise an error that says what to install unless Minari is.
+    """Raise an ImportError with the install command if Minari is missing.
 
     Raises:
         MissingPackageError: If Minari, or the library for its files, cannot be imported.
@@ -215,18 +215,18 @@ def _expert_actions(episode: EpisodeData) -> npt.NDArray[Any]:
 
 
 class DatasetWriter:
-    """Writes a data set episode by episode; it is there when :meth:`finish` returns, or not at all.
+    """Write a data set episode by episode; :meth:`finish` puts it in place as a whole.
 
     Minari's own ``DataCollector`` is not used: it needs JAX to append numbers to lists, and records
     one action a step, where there are two here, what was played and what would have been right. Use
     it in a ``with`` statement.
 
     Args:
-        dataset_id: What the data set is called, such as ``robopianist/twinkle/planned-v0``.
-        env: The environment that is played in.
-        env_spec: How to make it again.
+        dataset_id: Name of the data set, such as ``robopianist/twinkle/planned-v0``.
+        env: The recorded environment.
+        env_spec: Spec to make it again.
         overwrite: Whether a data set of this name is replaced.
-        root: The folder to put it into, which is there; by default that of :func:`dataset_root`.
+        root: An existing folder for it; by default that of :func:`dataset_root`.
 
     Raises:
         ConfigError: If it is no valid name, or there is such a data set.
@@ -257,7 +257,7 @@ class DatasetWriter:
             if self._place.exists() and not overwrite:
                 raise ConfigError(
                     f"There is a data set {dataset_id!r} already, in '{self._place}': expected a "
-                    "new name, or leave to overwrite it."
+                    "new name, or overwrite=True (--overwrite)."
                 )
             self._made = held.enter_context(partial_folder(place, _UNFINISHED))
             new = self._made / "new"
@@ -281,7 +281,7 @@ class DatasetWriter:
         self._held.close()
 
     def add(self, episode: EpisodeBuffer, notes: Mapping[str, float]) -> None:
-        """Write an episode, and notes on it, such as ``f1``.
+        """Write an episode and its notes, such as ``f1``.
 
         Raises:
             OSError: If the disk is full.
@@ -296,7 +296,7 @@ class DatasetWriter:
             self._count += 1
 
     def _reserve(self, size: int) -> None:
-        """Take the room for so many bytes of arrays: HDF5 ends the process on a full disk."""
+        """Reserve disk space for arrays, as HDF5 ends the process on a full disk."""
         if hasattr(os, "posix_fallocate"):
             with self._file.open("r+b") as file:
                 end = file.seek(0, os.SEEK_END)
@@ -304,7 +304,7 @@ class DatasetWriter:
                 os.posix_fallocate(file.fileno(), end, 2 * size + _SPARE)
 
     def finish(self, metadata: Mapping[str, Any]) -> MinariDataset:
-        """Put the data set in its place; what is noted about it is in JSON's types."""
+        """Move the data set to its final folder; its notes have JSON's types."""
         import minari
 
         notes = {"dataset_id": self._id, "minari_version": minari.__version__, **metadata}
@@ -324,12 +324,12 @@ class DatasetWriter:
 
 
 def forget_unfinished(root: Path) -> None:
-    """Delete what processes that were killed have left in the folder of the data sets."""
+    """Delete unfinished data sets of killed processes."""
     delete_unowned(root.glob(f"{_UNFINISHED}*"))
 
 
 def _empty_file() -> bytes:
-    """Return an HDF5 file without anything, as HDF5 reads no empty one that has been extended."""
+    """Return an empty HDF5 file, as HDF5 cannot read an empty file that was extended."""
     import h5py
 
     content = io.BytesIO()
@@ -338,7 +338,7 @@ def _empty_file() -> bytes:
 
 
 def _make_namespace(dataset_id: str) -> None:
-    """Let Minari know the folders around a data set as what it calls namespaces."""
+    """Register the folders around a data set as Minari's namespaces."""
     from minari.namespace import create_namespace, list_local_namespaces
 
     namespace = dataset_id.rpartition("/")[0]

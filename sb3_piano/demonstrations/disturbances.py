@@ -1,4 +1,4 @@
-"""Noise on the actions of a piano, and hands that begin out of place."""
+"""Wrappers that disturb a recording: noise on actions, perturbed starts."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from sb3_piano.simulation.scene import kind_of, tip_unit
 from sb3_piano.wrappers import HandActions
 
 DEFAULT_MEMORY = 0.2
-"""Time in which the noise loses most (1 - 1/e) of its memory, s."""
+"""Time constant of the noise, s: 1/e of its memory remains."""
 
 
 class CorrelatedNoise:
-    """Noise that is correlated in time.
+    """Noise correlated in time.
 
     A first-order autoregressive process for each number, stationary from the first step on.
 
@@ -43,7 +43,7 @@ class CorrelatedNoise:
         self._last = None
 
     def sample(self, random: np.random.Generator) -> npt.NDArray[np.float64]:
-        """Return what to add to the next action."""
+        """Draw the noise of the next action."""
         fresh = random.normal(size=self._std.shape) * self._std
         if self._last is None:
             self._last = fresh
@@ -53,7 +53,7 @@ class CorrelatedNoise:
 
 
 class ActuatorNoise(CorrelatedNoise):
-    """Noise that is added to the actions of a piano environment; the pedal has none.
+    """Noise on the actions of a piano environment, except the pedal's.
 
     Args:
         env: A piano environment, wrapped or not, whose actions are those of the bare one, or of
@@ -93,8 +93,8 @@ class ActuatorNoise(CorrelatedNoise):
 class NoisyActions(gym.Wrapper[Any, Any, Any, Any]):
     """Add noise without memory to every action, as :class:`ActuatorNoise` does.
 
-    Equal seeds have equal noise. A copy, in which a search tries actions, has none: nobody can
-    foresee it.
+    Equal seeds give equal noise. A copy of the environment for a search has no noise, as it cannot
+    be predicted.
 
     Args:
         env: A bare piano environment, or what ``gymnasium.make`` returns for one.
@@ -126,10 +126,10 @@ class NoisyActions(gym.Wrapper[Any, Any, Any, Any]):
 
 
 class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Begin each episode with the joints of both hands turned at random, within their limits.
+    """Begin each episode with random joint angles of both hands, within their limits.
 
-    What is drawn comes from the environment's own generator, so that equal seeds begin alike. The
-    wrapper goes right around the environment, since the observation is taken anew.
+    Random numbers come from the environment's own generator, so equal seeds begin alike. The
+    wrapper must be the innermost, since the observation is taken anew.
 
     Args:
         env: A bare piano environment, or what ``gymnasium.make`` returns for one.

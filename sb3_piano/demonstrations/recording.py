@@ -1,4 +1,4 @@
-"""Performances of a policy, recorded as a data set to learn from."""
+"""Recording of a policy's performances as a data set."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Recorded:
     episodes: tuple[Mapping[str, float], ...]
     """Notes on each episode: ``noise``, ``return`` and, of pianos, the music metrics."""
     interrupted: bool = False
-    """Whether Ctrl-C ended it before all episodes were played."""
+    """Whether Ctrl-C ended the recording early."""
 
 
 def record(
@@ -56,34 +56,33 @@ def record(
     policy_name: str | None = None,
     on_episode: Callable[[Mapping[str, float]], object] = lambda notes: None,
 ) -> Recorded:
-    """Let a policy play, without exploring, and write a Minari data set.
+    """Play a policy without exploration and write a Minari data set.
 
-    The policy's actions are played with noise, and both are stored: ``actions`` has what was
-    played, so that the transitions are true, and ``infos["expert_action"]`` what the policy would
-    have done in each state, which is what a learner should imitate. A
-    :class:`~sb3_piano.demonstrations.PerturbedStart` around the environment adds other beginnings;
-    the environment that the data set recovers for evaluation is then the one without.
+    The policy's actions are played with noise, and both are stored: ``actions`` has the played
+    ones, so that the transitions are true, and ``infos["expert_action"]`` the policy's own in each
+    state, the target of imitation. A :class:`~sb3_piano.demonstrations.PerturbedStart` around the
+    environment adds other beginnings; the data set's evaluation environment is then without it.
 
-    Each episode begins from a seed of its own, noted with it: the same actions from the same seed
-    give the same observations and rewards. The data set has Minari's name for the environment, so
-    that a score in it has to be there as a name or a file.
+    Each episode begins from its own noted seed: the same actions from the same seed give the same
+    observations and rewards. The data set stores Minari's spec of the environment, so its score
+    must be available as a name or a file.
 
-    Ctrl-C ends it with the episodes that are finished; before the first one it is a
-    ``KeyboardInterrupt`` as everywhere, and nothing is written.
+    Ctrl-C ends it with the finished episodes; before the first one it is a ``KeyboardInterrupt`` as
+    everywhere, and no file is written.
 
     Args:
-        policy: What plays.
+        policy: The policy.
         env: A single environment, for which the policy was made.
-        dataset_id: What the data set is called, such as ``robopianist/twinkle/planned-v0``. It is
-            kept where Minari keeps all, in the folder that MINARI_DATASETS_PATH names.
+        dataset_id: Name of the data set, such as ``robopianist/twinkle/planned-v0``. Minari keeps
+            it in the folder MINARI_DATASETS_PATH.
         episodes: How many episodes to play, at least 1.
         noise: Standard deviations of the noise, rad (see
             :class:`~sb3_piano.demonstrations.ActuatorNoise`); the episodes take turns.
-        noise_memory: How long the noise remembers, s.
+        noise_memory: Time constant of the noise, s.
         seed: All seeds, the noise and what a planner draws come from it; at least 0.
         overwrite: Whether a data set of this name is replaced.
-        policy_name: What the policy is called in the data set; by default its class.
-        on_episode: Is called with what is noted about each episode when it is over.
+        policy_name: Name of the policy in the data set; by default its class.
+        on_episode: Called with the notes on each finished episode.
 
     Raises:
         ConfigError: If a number is out of range, the name is not valid or taken, or there is no
@@ -130,15 +129,15 @@ def record(
 
 
 def _remade(env: Env) -> EnvSpec | None:
-    """Return the spec from which the environment can be made again, if there is one."""
+    """Return the spec that makes the environment again, or ``None``."""
     if env.spec is None:
         return None
     try:
         json.dumps([env.spec.kwargs, [w.kwargs for w in env.spec.additional_wrappers]])
     except TypeError as error:
         warnings.warn(
-            f"The data set will not tell how to make its environment again: {error}. Expected "
-            "arguments in JSON's types, such as a score's name or file.",
+            f"The data set cannot store how to make its environment: {error}. Expected arguments "
+            "in JSON's types, such as a score's name or file.",
             stacklevel=3,
         )
         return None
@@ -146,7 +145,7 @@ def _remade(env: Env) -> EnvSpec | None:
 
 
 def _evaluation_env(spec: EnvSpec | None) -> dict[str, str]:
-    """Return Minari's note of the environment without what disturbs it."""
+    """Return the evaluation environment for Minari, without disturbing wrappers."""
     if spec is None:
         return {}
     start = PerturbedStart.class_name()
@@ -161,13 +160,13 @@ def play_episode(
     noise: ActuatorNoise | None = None,
     options: dict[str, Any] | None = None,
 ) -> tuple[EpisodeBuffer, dict[str, float]]:
-    """Return an episode that a policy plays without exploring, and notes on it.
+    """Play an episode of a policy without exploration; return it with notes.
 
     Args:
-        policy: What plays.
+        policy: The policy.
         env: The environment.
         seed: Seeds the environment, the policy and the noise.
-        noise: What is added to the actions.
+        noise: Noise on the actions.
         options: Options of the environment's ``reset``, such as the score.
     """
     random, space = np.random.default_rng(seed), env.action_space
@@ -192,7 +191,7 @@ def play_episode(
 def as_episode(
     played: Sequence[Transition], env: Env, seed: int
 ) -> tuple[EpisodeBuffer, dict[str, float]]:
-    """Return an episode as Minari has it, and notes on it: ``return`` and music metrics."""
+    """Convert an episode to Minari's format, with notes: ``return`` and music metrics."""
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
     kind, info = env.action_space.dtype, final_info(played[-1].info)

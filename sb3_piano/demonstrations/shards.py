@@ -1,4 +1,4 @@
-"""Shards: data sets of a few episodes each, made by any process, and known to be whole."""
+"""Shards: data sets of a few episodes each, with a manifest that detects damage."""
 
 from __future__ import annotations
 
@@ -28,37 +28,37 @@ if TYPE_CHECKING:
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
 Notes = Mapping[str, float | str]
-"""What is noted about an episode; numbers are also written into the data set."""
+"""Notes on an episode; numbers are also written into the data set."""
 
 Play = Callable[[int], tuple["EpisodeBuffer", Notes]]
-"""Plays the episode of a number."""
+"""Function that plays the episode of a number."""
 
 _VERSIONS = ("gymnasium", "h5py", "minari", "mujoco", "numpy", "stable-baselines3", "torch")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shard:
-    """A data set that is there and whole, as its manifest describes it."""
+    """Manifest of a complete data set."""
 
     name: str
     """Name of the data set."""
     job: str
     """:attr:`ShardJob.digest`."""
     files: Mapping[str, str]
-    """SHA-256 of each file, by which damage is found."""
+    """SHA-256 of each file, to detect damage."""
     content: str
-    """SHA-256 of the episodes' seeds and arrays in their order, whatever the files are like."""
+    """SHA-256 of the episodes' seeds and arrays in order, independent of the file format."""
     versions: Mapping[str, str]
-    """Versions of the packages that made it."""
+    """Versions of the packages that wrote it."""
     steps: int
     """Control steps."""
     episodes: tuple[Notes, ...]
     """Notes on each episode, such as ``noise`` and ``f1``."""
     skipped: Mapping[str, str]
-    """Why an episode, by its number, could not be played."""
+    """Reason for each failed episode, by its number."""
 
     def open(self, root: Path) -> MinariDataset:
-        """Return the data set, in the folder of all.
+        """Open the data set in the folder of all data sets.
 
         Raises:
             ConfigError: If it cannot be read.
@@ -66,37 +66,37 @@ class Shard:
         return open_dataset(self.name, root)
 
     def is_whole(self, root: Path) -> bool:
-        """Return whether its files are still as they were written."""
+        """Return whether the files still have their checksums."""
         return self.files == _files(self.name, root)
 
 
 Playing = Callable[[], AbstractContextManager[tuple[gym.Env[Any, Any], Play]]]
-"""Gives the environment that is recorded, and what plays an episode in it."""
+"""Context manager of the recorded environment and a function that plays an episode."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShardJob(Job):
-    """Episodes that are to become a data set; :func:`shard_job` makes one.
+    """Job that records episodes as a data set; :func:`shard_job` makes one.
 
-    What is played is a function of the job alone, not of what its process did before. An episode
-    that cannot be played raises ``ScoreError`` or ``SimulationDivergedError``.
+    The episodes depend on the job alone, not on earlier work of its process. An episode that cannot
+    be played raises ``ScoreError`` or ``SimulationDivergedError``.
     """
 
     digest: str
-    """Checksum of all that decides what the data set holds."""
+    """Checksum of all settings that decide the content of the data set."""
     numbers: Sequence[int]
     """Numbers of the episodes."""
     metadata: Mapping[str, Any]
-    """What the data set notes about itself, in JSON's types."""
+    """Metadata of the data set, in JSON's types."""
     playing: Playing
 
     @property
     def result_file(self) -> Path:
-        """Where it is noted what the data set is; it is written last."""
+        """File of the manifest, written last."""
         return self.folder.with_name(f"{self.name}.json")
 
     def result(self) -> Mapping[str, Any] | None:
-        """Return the manifest of a data set that is there, whole and of the same settings."""
+        """Return the manifest if the data set is complete and has the same settings."""
         found = find_shard(self)
         return None if found is None else dataclasses.asdict(found)
 
@@ -109,15 +109,15 @@ def shard_job(
     metadata: Mapping[str, Any],
     playing: Playing,
 ) -> ShardJob:
-    """Return the job of a data set in the folder of all.
+    """Make the job of a data set in the folder of all data sets.
 
     Args:
         name: Name of the data set.
         root: The folder, by a path that all processes have.
-        content: All that decides what the data set holds, its name included, in JSON's types.
+        content: All settings that decide the content, name included, in JSON's types.
         numbers: Numbers of the episodes.
-        metadata: What the data set notes about itself.
-        playing: Gives environment and player; other processes must be able to import it.
+        metadata: Metadata of the data set.
+        playing: Makes environment and player; other processes must be able to import it.
     """
     text = json.dumps(content, sort_keys=True)
     return ShardJob(
@@ -132,7 +132,7 @@ def shard_job(
 
 
 def find_shard(job: ShardJob) -> Shard | None:
-    """Return the data set of a job if it is there, whole and of the same settings."""
+    """Return the data set of a job if it is complete and has the same settings."""
     try:
         shard = read_json(job.result_file, Shard, "it is made again.")
     except RunError:
@@ -143,7 +143,7 @@ def find_shard(job: ShardJob) -> Shard | None:
 
 
 def _make(job: ShardJob) -> Mapping[str, Any]:
-    """Play the episodes of a job and write the data set, in place of any that is there."""
+    """Play the episodes of a job and write the data set; replace an existing one."""
     episodes: list[Notes] = []
     skipped, content = {}, hashlib.sha256()
     with (
@@ -176,28 +176,27 @@ def _make(job: ShardJob) -> Mapping[str, Any]:
 
 
 def make_missing(
-    executor: Executor,
+    executor: Executor | None,
     jobs: Sequence[ShardJob],
     tell: Callable[[int, int], object] = lambda done, total: None,
-    go_on: str = "give the same command again.",
+    **options: Any,
 ) -> list[Shard]:
-    """Return data sets in their order; those that are not there and whole are made.
+    """Make missing or damaged data sets; return all in order.
 
     Args:
-        executor: Makes them.
-        jobs: What is to be there.
-        tell: Is told how many are done, and of how many.
-        go_on: How to go on when a worker died.
+        executor: Executor of the jobs.
+        jobs: Jobs of all data sets.
+        tell: Called with the numbers of finished and of all jobs.
+        **options: Further options of :func:`~sb3_piano.jobs.finish`.
 
     Raises:
-        Exception: What the first one raised that could not be made, once the others are.
+        Exception: The error of the first failed job, after all others have finished.
         KeyboardInterrupt: If it was interrupted.
     """
     known = status(jobs)
     tell(sum(one.result is not None for one in known), len(jobs))
-    outcomes = finish(
-        jobs, executor, known=known, on_outcome=lambda _, *done: tell(*done), go_on=go_on
-    )
+    options = {"known": known, "on_outcome": lambda _, *done: tell(*done), **options}
+    outcomes = finish(jobs, executor, **options)
     for outcome in outcomes:
         if outcome.error is not None:
             raise outcome.error
@@ -211,7 +210,7 @@ def file_digest(file: Path) -> str:
 
 
 def _files(name: str, root: Path) -> dict[str, str]:
-    """Return the checksums of a data set's files, of none if it is not there."""
+    """Return the checksums of a data set's files; empty if it does not exist."""
     place = dataset_folder(name, root)
     files = (path for path in sorted(place.rglob("*")) if path.is_file())
     return {path.relative_to(place).as_posix(): file_digest(path) for path in files}

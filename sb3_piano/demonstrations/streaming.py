@@ -1,4 +1,4 @@
-"""Rows of more data than memory holds, in minibatches at random."""
+"""Random minibatches from more data than memory holds."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ Rows = tuple[npt.NDArray[np.float32], ...]
 Batch = tuple[torch.Tensor, ...]
 
 DEFAULT_BUFFER = 2_000_000
-"""Rows that are held in memory: of 250 numbers, 2 GB."""
+"""Rows held in memory: 2 GB for rows of 250 numbers."""
 
 
 class ShuffledRows:
-    """Rows of several parts, each of which is read when it is needed.
+    """Rows of several parts; each part is read on demand.
 
-    What fits into the buffer is read once and shuffled as a whole. Of more, the parts are read in
-    random order, once an epoch; rows are drawn from the buffer, which is filled up again when half
-    of it is drawn, so that a row meets those of as many parts as it holds. Memory is that of one
-    and a half buffers and two parts, whatever the number of parts.
+    Data that fits into the buffer is read once and shuffled as a whole. Larger data is read by
+    parts in random order, once an epoch. Rows are drawn from the buffer, which is refilled after
+    half of it is drawn, so that it mixes rows of several parts. Memory is one and a half buffers
+    and two parts, whatever the number of parts.
 
     Args:
-        parts: What reads the arrays of each part.
+        parts: Functions that read the arrays of each part.
         sizes: Rows of each.
-        buffer: The most rows that are held; of more than fit, at least two minibatches are.
+        buffer: Largest number of rows in memory, but at least two minibatches of larger data.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class ShuffledRows:
         return (read() for read in self._parts)
 
     def batches(self, size: int, random: torch.Generator) -> Iterator[Batch]:
-        """Yield each row once, in minibatches, the last one of which may be smaller."""
+        """Yield each row once, in minibatches; the last one may be smaller."""
         if len(self) > self._buffer:
             yield from self._streamed(size, random)
             return

@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 
-from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, SELF_ACTUATED_REWARD_WEIGHTS
+from sb3_piano.envs.blocks import block_classes
+from sb3_piano.envs.terms import SELF_ACTUATED_TERMS, TERMS, RewardWeight, Term, own_terms
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hands import DEFAULT_HAND, find_hand
 from sb3_piano.music.hands import HANDS, Hand
@@ -42,14 +43,6 @@ PictureWidth = Annotated[Whole, Ge(1), Le(1920), Unit("pixels")]
 PictureHeight = Annotated[Whole, Ge(1), Le(1080), Unit("pixels")]
 """Height of a picture, pixels; likewise."""
 
-RewardWeight = Annotated[
-    Number,
-    Ge(-1e6),
-    Le(1e6),
-    Unit(", as rewards are kept and summed as 32-bit floats, which larger ones overflow"),
-]
-"""Weight of a term of the reward."""
-
 
 @settings
 class PianoEnvConfig:
@@ -73,6 +66,9 @@ class PianoEnvConfig:
     """"roll" is RoboPianist's observation; "window" is the same for the keys of the piece and three
     beside them; "fingers" has for each finger where and when it must press next; "hands" has what
     each hand read in the whole piece, both seen as right hands."""
+    observation_blocks: Annotated[tuple[Any, ...], Listed] = ()
+    """Blocks of your own at the end of the observation: subclasses of
+    :class:`~sb3_piano.envs.Block`, or their import paths, "package.module.Name"."""
     control_timestep: Number = 0.05
     """Length of a control step, s; a whole number of physics steps."""
     initial_buffer_time: Annotated[Number, Ge(0), Unit("s")] = 0.0
@@ -109,6 +105,9 @@ class PianoEnvConfig:
     reward_weights: Mapping[str, RewardWeight] = dataclasses.field(default_factory=dict)
     """Weights of reward terms by name, in place of the default ones: those of
     ``DEFAULT_REWARD_WEIGHTS``, without hands of ``SELF_ACTUATED_REWARD_WEIGHTS``."""
+    reward_terms: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """Reward terms of your own by name, each a ``Term``, a function of a ``StepView``, or the
+    import path of either, "package.module.name"."""
     goal_time: Literal["beginning", "end"] = "beginning"
     """Moment of a control step whose keys are asked of the state at its end. "beginning", as in
     RoboPianist, asks a key to be down by the end of the step in which its note begins; "end" asks
@@ -133,7 +132,9 @@ class PianoEnvConfig:
         return cls(**options)
 
     def __post_init__(self) -> None:
-        default = DEFAULT_REWARD_WEIGHTS if self.sides else SELF_ACTUATED_REWARD_WEIGHTS
+        object.__setattr__(self, "observation_blocks", block_classes(self.observation_blocks))
+        object.__setattr__(self, "reward_terms", own_terms(self.reward_terms))
+        default = {name: term.weight for name, term in self.terms.items()}
         refuse_unknown(self.reward_weights, default, "reward term")
         object.__setattr__(self, "reward_weights", {**default, **self.reward_weights})
         if self.hands_in_scene not in ("both", "none", self.hands) and self.hands != "both":
@@ -162,6 +163,11 @@ class PianoEnvConfig:
     def sides(self) -> tuple[Hand, ...]:
         """Hands of the scene."""
         return tuple(side for side in HANDS if self.hands_in_scene in (side, "both"))
+
+    @property
+    def terms(self) -> dict[str, Term]:
+        """All terms of the reward."""
+        return {**(TERMS if self.sides else SELF_ACTUATED_TERMS), **self.reward_terms}
 
     @property
     def simulation(self) -> str:

@@ -1,21 +1,16 @@
-"""Goal of an episode: a score cut into control steps, and the reward terms of a moment under it."""
+"""Goal of an episode: a score cut into control steps."""
 
 from __future__ import annotations
 
 import functools
-import math
 from typing import NamedTuple
 
-import numpy as np
-
 from sb3_piano.arrays import BoolArray
-from sb3_piano.envs import rewards
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.score_choice import fingered, part_of_hands
 from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
-from sb3_piano.simulation import Simulation
 
 
 class StepGoal(NamedTuple):
@@ -55,11 +50,14 @@ class Goal:
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
         if not config.sides:
             self.fingering_reward = "off"
+        self.forearm_reward = config.forearm_reward
         self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
         """Goal of each control step."""
         self.terms = tuple(config.reward_weights)
         """Names of the reward terms."""
-        self.highest_return = self._highest_return(config)
+        weights = config.reward_weights
+        best = (max(weights[name], 0.0) * term.best(self) for name, term in config.terms.items())
+        self.highest_return = float(sum(best))
         """No return under the environment's reward is higher."""
 
     @functools.cached_property
@@ -77,21 +75,6 @@ class Goal:
     def __len__(self) -> int:
         """Return how many control steps the episode has."""
         return len(self.steps)
-
-    def _highest_return(self, config: PianoEnvConfig) -> float:
-        n_fingering = {
-            "labels": int((self.asked.finger >= 0).any(axis=1).sum()),
-            "optimal-transport": len(self),
-            "off": 0,
-        }
-        return rewards.highest_return(
-            config.reward_weights,
-            n_steps=len(self),
-            n_due=int(self.asked.active.any(axis=1).sum()),
-            n_fingering=n_fingering[self.fingering_reward],
-            n_strikes=int(np.count_nonzero(self.roll.onset)),
-            forearm=config.forearm_reward,
-        )
 
 
 def roll_of(score: Score, config: PianoEnvConfig) -> PianoRoll:
@@ -113,50 +96,3 @@ def _step_goal(roll: PianoRoll, step: int) -> StepGoal:
         sustain=bool(roll.sustain[step]),
         labelled=tuple(pair for pair in zip(keys, fingers, strict=True) if pair[1] >= 0),
     )
-
-
-def reward_terms(
-    simulation: Simulation, goal: Goal, step: int, pedal_down: bool, forearm: bool
-) -> dict[str, float]:
-    """Return the unweighted reward terms by name, of a state compared with a step of a goal.
-
-    ``strike`` is not among them: it is about what happened since the state before.
-    """
-    now = goal.steps[step]
-    wrong = int.from_bytes(simulation.sounding) & now.not_due > 0
-    force, velocity = simulation.actuator_force, simulation.actuator_velocity
-    scene = simulation.scene
-    if not scene.sides:
-        due = int.from_bytes(now.due.tobytes())
-        mistakes = (int.from_bytes(simulation.sounding) ^ due).bit_count()
-        mistakes += now.sustain != pedal_down
-        return {
-            "distance": rewards.distance(mistakes),
-            "log_likelihood": rewards.log_likelihood(mistakes),
-            "key_press": rewards.key_press(now.keys, simulation.key_state, wrong),
-            "sustain": rewards.sustain(now.sustain, pedal_down),
-        }
-    touching = forearm and scene.forearms_touch(simulation.data)
-    return {
-        "key_press": rewards.key_press(now.keys, simulation.key_state, wrong),
-        "sustain": rewards.sustain(now.sustain, pedal_down),
-        "energy": rewards.energy(force, velocity),
-        "fingering": _fingering(simulation, goal.fingering_reward, now),
-        "forearm": rewards.forearm(touching) if forearm else 0.0,
-    }
-
-
-def _fingering(simulation: Simulation, kind: str, now: StepGoal) -> float:
-    tips = simulation.fingertips
-    if kind == "labels":
-        return rewards.labelled_fingering(
-            [
-                math.dist(simulation.press_point(key), tips[finger].tolist())
-                for key, finger in now.labelled
-            ]
-        )
-    if kind == "off":
-        return 0.0
-    points = [simulation.press_point(key) for key in now.keys]
-    tips = tips[simulation.scene.fingers]  # of the hands that are there
-    return rewards.optimal_transport_fingering(tips, np.array(points).reshape(-1, 3))

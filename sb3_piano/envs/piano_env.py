@@ -10,10 +10,11 @@ import numpy.typing as npt
 
 from sb3_piano.engine import mujoco
 from sb3_piano.envs.actions import ActionMap
+from sb3_piano.envs.blocks import AddedBlocks, Encoding
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.encodings import Encoding, FingerEncoding, RollEncoding
+from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
 from sb3_piano.envs.episode_end import LimitRef, StepInfo, ends_by_limit, time_limits
-from sb3_piano.envs.goal import Goal, reward_terms
+from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.hand_encoding import HandEncoding
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
 from sb3_piano.envs.record import EnvState, EpisodeRecord, Snapshot
@@ -24,6 +25,7 @@ from sb3_piano.envs.score_choice import (
     own_score,
     part_of_hands,
 )
+from sb3_piano.envs.terms import StepView, finite_term
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll, Score
@@ -88,12 +90,15 @@ class PianoEnv(gym.Env[Any, Any]):
     All of it follows from the piece as a whole, which is read when an episode begins. It needs
     fingers, too; :class:`~sb3_piano.wrappers.HandActions` are the actions that go with it.
 
+    ``observation_blocks`` puts blocks of your own at the end, see :class:`~sb3_piano.envs.Block`.
+
     ## Reward
 
-    The sum of the named terms of :mod:`sb3_piano.envs.rewards` times their weights. They compare
+    The sum of the named terms of :mod:`sb3_piano.envs.terms` times their weights. They compare
     the state after a control step with the goal at its beginning; ``strike``, whose weight is 0
-    unless ``reward_weights`` says otherwise, counts strikes in time. Each step's ``info`` has the
-    unweighted terms in ``info["reward_terms"]``.
+    unless ``reward_weights`` says otherwise, counts strikes in time. ``reward_terms`` adds terms of
+    your own. Each step's ``info`` has the unweighted terms in ``info["reward_terms"]``, those of
+    weight 0, too.
 
     ## Start and end
 
@@ -162,6 +167,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
+        self._terms = {name: term.value for name, term in self.config.terms.items()}
         self._pedal_threshold = pedal_threshold()
         self._renderer: HumanRenderer | PerformanceRenderer | None = None
         self._build(ALL_KEYS)
@@ -328,26 +334,25 @@ class PianoEnv(gym.Env[Any, Any]):
         if self._finished:
             raise EnvStateError("No episode is under way: call reset() before step().")
         controls, self._pedal = self.action_map.controls(action)
+        self._finished = True  # if this fails, too
+        before = self.data.ctrl.copy()
         if not self._simulation.advance(controls):
-            self._finished = True
             raise SimulationDivergedError(
                 f"The physics became unstable in control step {self._record.steps}. The episode "
                 "is over: call reset(). Expected only after changes to the model or its state."
             )
         self._simulation.read()
-        step, last, pedal_down = self._record.steps, len(self._goal) - 1, self.pedal_down
-        config = self.config
-        terms = reward_terms(self._simulation, self._goal, step, pedal_down, config.forearm_reward)
-        terms["strike"] = self._record.strike_term(self._simulation)
-        weighted = {name: weight * terms[name] for name, weight in config.reward_weights.items()}
-        self._record.add(self._simulation, pedal_down, weighted)
+        self._record.hear(self._simulation)
+        step, last, config = self._record.steps, len(self._goal) - 1, self.config
+        seen = self._seen(step, controls, before)
+        terms = {name: value(seen) for name, value in self._terms.items()}
+        for name in config.reward_terms:
+            terms[name] = finite_term(name, terms[name], seen)
+        weighted = [weight * terms[name] for name, weight in config.reward_weights.items()]
+        self._record.add(self._simulation, seen.pedal_down, weighted)
         self.total_steps += 1
         truncated = step == last or ends_by_limit(self._limits)
-        terminated = (
-            config.wrong_press_termination
-            and step < last
-            and int.from_bytes(self._simulation.sounding) & self._goal.steps[step].not_due > 0
-        )
+        terminated = config.wrong_press_termination and step < last and seen.wrong
         self._finished = truncated or terminated
         info: dict[str, Any] = {"reward_terms": terms}
         if self._finished:
@@ -357,19 +362,20 @@ class PianoEnv(gym.Env[Any, Any]):
         observation = self._encoding.write(min(step + 1, last), self._simulation, self._pedal)
         if self.render_mode == "human":
             self.render()
-        return observation, sum(weighted.values()), terminated, truncated, info
+        return observation, sum(weighted), terminated, truncated, info
 
     def reward_terms(self, step: int) -> dict[str, float]:
         """Return the unweighted reward terms of the present state under the goal of a step.
 
-        ``strike`` is not among them, which no state can tell.
+        ``strike`` is not among them, which no state can tell, nor are terms of your own.
 
         Args:
             step: Control step whose goal is compared with the state, 0 to ``len(roll) - 1``.
         """
         self._simulation.read()
-        forearm = self.config.forearm_reward
-        return reward_terms(self._simulation, self._goal, step, self.pedal_down, forearm)
+        seen = self._seen(step, self.data.ctrl, self.data.ctrl)
+        other = {"strike", *self.config.reward_terms}
+        return {name: value(seen) for name, value in self._terms.items() if name not in other}
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Draw the scene, fingertips, due keys and notes in the colours of their fingers.
@@ -434,7 +440,7 @@ class PianoEnv(gym.Env[Any, Any]):
                 f"A {type(state).__name__} is no state: expected what get_state() returned."
             )
         self._check_physics(state.physics)
-        state.check(self.config.simulation, len(self.config.reward_weights))
+        state.check(self.config.simulation, self._goal.terms)
         self._set_score(state.score)
         if state.step > len(self._goal):
             raise EnvStateError(
@@ -525,8 +531,18 @@ class PianoEnv(gym.Env[Any, Any]):
         self._goal = Goal(self._default_score, config)
         roll = self._goal.asked
         self._encoding = _make_encoding(config, self.scene, roll)
+        if config.observation_blocks:
+            blocks = [block(self.scene, config) for block in config.observation_blocks]
+            self._encoding = AddedBlocks(self._encoding, blocks)
         self._encoding.prepare(roll)
         self._clear_episode()
+
+    def _seen(
+        self, step: int, controls: npt.NDArray[np.float64], before: npt.NDArray[np.float64]
+    ) -> StepView:
+        goal, record = self._goal, self._record
+        asked, down = goal.steps[step], self.pedal_down
+        return StepView(self._simulation, goal, step, asked, down, controls, before, record)
 
     def _set_score(self, score: Score) -> None:
         if score is not self._goal.source:
@@ -549,8 +565,8 @@ class PianoEnv(gym.Env[Any, Any]):
 def _make_encoding(config: PianoEnvConfig, scene: PianoScene, roll: PianoRoll) -> Encoding:
     """Return what writes the observations; a window of keys is cut for the roll."""
     if config.observation == "hands":
-        return HandEncoding(scene, config.control_timestep)
+        return HandEncoding(scene, config)
     if config.observation == "fingers":
-        return FingerEncoding(scene, config.n_steps_lookahead, config.control_timestep)
+        return FingerEncoding(scene, config)
     window = KeyWindow.of(roll, _WINDOW_MARGIN) if config.observation == "window" else ALL_KEYS
-    return RollEncoding(scene, config.n_steps_lookahead, window)
+    return RollEncoding(scene, config, window)

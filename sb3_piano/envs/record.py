@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from typing import Any, NamedTuple
@@ -14,19 +15,16 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FingerArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.rewards import RETURN_PREFIX, strike
 from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.exceptions import EnvStateError
 from sb3_piano.metrics import Presses, frame_f1, presses_of
-from sb3_piano.metrics.episode import normalized_return
+from sb3_piano.metrics.episode import RETURN_PREFIX, normalized_return
 from sb3_piano.metrics.fingers import KeyBoxes, nearest_fingers
+from sb3_piano.metrics.presses import press_times, step_shares, strike_speeds
 from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation
-
-_LEAST = 1e-3
-"""Least duration of a press, s: a key may go down with the very last physics step."""
 
 # Physics steps of which no more than this are kept as angles, which take eight times the memory.
 _MANY = 2000
@@ -60,20 +58,22 @@ class EnvState:
     states that were saved without them."""
     simulation: str = ""
     """Options that the physics go by; empty in states that were saved without them."""
+    terms: str = ""
+    """Names of the reward terms as text; empty in states that were saved without them."""
 
-    def check(self, simulation: str, n_terms: int) -> None:
+    def check(self, simulation: str, terms: Sequence[str]) -> None:
         """Raise an EnvStateError if the state was not saved in an environment with equal options.
 
         Args:
             simulation: What :attr:`simulation` is there.
-            n_terms: Number of weighted reward terms there.
+            terms: Names of the reward terms there.
         """
         steps = len(self.key_active) if isinstance(self.key_active, np.ndarray) else 0
         arrays: dict[str, tuple[str, tuple[int, ...], Any]] = {
             "key_active": ("b", (steps, NUM_KEYS), self.key_active),
             "sustain": ("b", (steps,), self.sustain),
             "fingertips": ("f", (steps, NUM_FINGERS, 3), self.fingertips),
-            "returns": ("f", (n_terms,), self.returns),
+            "returns": ("f", (len(terms),), self.returns),
         }
         within = self.within if isinstance(self.within, Mapping) else {-1: None}
         first = next(iter(within.values()), None)
@@ -88,7 +88,7 @@ class EnvState:
             for name, (kind, expected, array) in arrays.items()
             if getattr(getattr(array, "dtype", None), "kind", "") != kind or array.shape != expected
         ]
-        plain = {"score": Score, "finished": bool, "pedal": Real, "simulation": str}
+        plain = {"score": Score, "finished": bool, "pedal": Real, "simulation": str, "terms": str}
         wrong += [name for name, kind in plain.items() if not isinstance(getattr(self, name), kind)]
         wrong += [] if "pedal" in wrong or 0 <= self.pedal <= 1 else ["pedal"]
         if wrong or not all(isinstance(step, Integral) and 0 <= step < steps for step in within):
@@ -96,16 +96,21 @@ class EnvState:
                 f"The state's {wrong[0] if wrong else 'within'} is none of an episode of {steps} "
                 "steps: expected a state of an environment with the same options."
             )
-        if self.simulation not in ("", simulation):
-            raise EnvStateError(
-                f"The state was saved with {self.simulation}, but here is {simulation}: expected a "
-                "state of an environment with the same options."
-            )
+        for saved, here in ((self.simulation, simulation), (self.terms, _told(terms))):
+            if saved not in ("", here):
+                raise EnvStateError(
+                    f"The state was saved with {saved}, but here is {here}: expected a state of an "
+                    "environment with the same options."
+                )
 
     @property
     def step(self) -> int:
         """Control steps that are over."""
         return len(self.key_active)
+
+
+def _told(terms: Sequence[str]) -> str:
+    return f"the reward terms {', '.join(terms)}"
 
 
 class Snapshot(NamedTuple):
@@ -142,33 +147,43 @@ class EpisodeRecord:
         self._speeds = np.zeros((0, NUM_KEYS))
         self._returns = [0.0] * len(goal.terms)
         self._open = OpenOnsets(goal.roll)
+        self.struck = (0, 0)
+        """Strikes of the step that was heard last: in time, and others."""
         # What is yet to be put into these and the returns, which is faster for many steps at once.
         self._key_angles: list[bytes] = []
-        self._weighted_terms: list[Iterable[float]] = []
+        self._weighted_terms: list[Sequence[float]] = []
 
     @property
     def steps(self) -> int:
         """Control steps that are over."""
         return len(self._sustain)
 
-    def strike_term(self, simulation: Simulation) -> float:
-        """Return the reward term of the strikes in a control step that is yet to be added.
+    def hear(self, simulation: Simulation) -> None:
+        """Count the strikes in a control step that is yet to be added.
 
         A strike is what the metrics take for one, and at the same time.
         """
+        self.struck = (0, 0)
         if simulation.sounding == self._sounding:
-            return 0.0
-        before, now = (np.frombuffer(s, dtype=bool) for s in (self._sounding, simulation.sounding))
-        struck = np.flatnonzero(now & ~before)
-        within = self._scene.sounding_at(simulation.key_angles)[None]
-        step = np.full(len(struck), self.steps)
-        times = (step + _shares(step, struck, step[:1], within)) * self._goal.roll.control_timestep
-        pairs = zip(struck.tolist(), times.tolist(), strict=True)
-        hits = sum(self._open.hit(key, time) for key, time in pairs)
-        return strike(hits, len(struck) - hits)
+            return
+        now, before = (int.from_bytes(each) for each in (simulation.sounding, self._sounding))
+        keys = list(itertools.compress(range(NUM_KEYS), (now & ~before).to_bytes(NUM_KEYS)))
+        hits = sum(self._is_hit(key, simulation) for key in keys)
+        self.struck = hits, len(keys) - hits
+
+    def _is_hit(self, key: int, simulation: Simulation) -> bool:
+        step, timestep = self.steps, self._goal.roll.control_timestep
+        # When within the step decides in few cases, and takes ten times as long to find out.
+        is_hit = self._open.hit_within(key, step * timestep, (step + 1) * timestep)
+        if is_hit is None:
+            within = self._scene.sounding_at(simulation.key_angles)[None]
+            steps = np.array([step])
+            share = step_shares(steps, np.array([key]), steps, within)
+            is_hit = self._open.hit(key, ((steps + share) * timestep).item())
+        return is_hit
 
     def add(
-        self, simulation: Simulation, pedal_down: bool, weighted_terms: Mapping[str, float]
+        self, simulation: Simulation, pedal_down: bool, weighted_terms: Sequence[float]
     ) -> None:
         """Note down a control step, read at its end; terms are in the order of the goal's."""
         sounding = simulation.sounding
@@ -181,7 +196,7 @@ class EpisodeRecord:
         self._key_active.append(sounding)
         self._sustain.append(pedal_down)
         self._fingertips.append(simulation.fingertips)
-        self._weighted_terms.append(tuple(weighted_terms.values()))
+        self._weighted_terms.append(weighted_terms)
 
     def f1(self) -> float | None:
         """Return the F1 of the steps so far; ``None`` if there is none."""
@@ -231,6 +246,7 @@ class EpisodeRecord:
             within=dict(zip(self._changes, self._sounding_within(), strict=True)),
             returns=np.array(self._sums()),
             simulation=simulation,
+            terms=_told(self._goal.terms),
             speeds=dict(zip(self._changes, self._speeds, strict=True)),
         )
 
@@ -276,7 +292,7 @@ class EpisodeRecord:
             angles = self._scene.angles_of(self._key_angles).reshape(steps, -1, NUM_KEYS)
             within = angles[:, 1:] >= self._scene.key_sounding_angle
             n_substeps = within.shape[1]
-            speeds = _speeds(angles, within) * (n_substeps / self._goal.roll.control_timestep)
+            speeds = strike_speeds(angles, within) * (n_substeps / self._goal.roll.control_timestep)
             self._within = np.concatenate([former, within]) if len(former) else within
             self._speeds = np.concatenate([self._speeds, speeds])
             self._key_angles = []
@@ -310,67 +326,3 @@ class EpisodeRecord:
             np.array(self._sustain, dtype=bool),
             np.concatenate([np.empty((0, 3)), *self._fingertips]).reshape(steps, NUM_FINGERS, 3),
         )
-
-
-def press_times(
-    presses: Presses,
-    changes: IntArray,
-    within: BoolArray,
-    control_timestep: float,
-    n_steps: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the times at which each press began and ended.
-
-    A key is pressed or let go when what it does at the end of a control step differs from the end
-    of the step before. The time is that of the physics step since which it has been so: a key that
-    bounces within a control step went down when it went down for good.
-
-    Args:
-        presses: n presses of the episode so far.
-        changes: (m,) control steps of which more is known, ascending. What happened in another one
-            is taken to have happened at its end.
-        within: (m, p, 88) which keys sounded after each of their p physics steps.
-        control_timestep: Length of a control step, s.
-        n_steps: How many control steps the episode has had.
-
-    Returns:
-        (n,) times from the start of the episode, s, at which the keys went down, and at which they
-        came up; the end of the last step for those that have not.
-    """
-    steps = np.concatenate([presses.first, presses.end])
-    share = _shares(steps, np.tile(presses.key, 2), changes, within)
-    strikes, releases = np.split((steps + share) * control_timestep, 2)
-    end = np.maximum(n_steps * control_timestep, strikes + _LEAST)
-    return strikes, np.where(presses.end < n_steps, releases, end)
-
-
-def _speeds(angles: FloatArray, within: BoolArray) -> FloatArray:
-    """Return by how much keys moved in the physics step in which they went down for good.
-
-    Args:
-        angles: (m, p + 1, 88) angles before m control steps and after their p physics steps, rad.
-        within: (m, p, 88) which keys sounded after each of these.
-
-    Returns:
-        (m, 88) rad in a physics step; 0 of a key that does not sound at the end.
-    """
-    first = (within.shape[1] - _held(within))[:, None]
-    moved = np.take_along_axis(np.diff(angles, axis=1), first, axis=1)[:, 0]
-    return np.where(within[:, -1], moved, 0.0)
-
-
-def _held(states: BoolArray) -> IntArray:
-    """Return for how many physics steps at the end, along axis 1, keys were as they are last."""
-    other = (states != states[:, -1:])[:, ::-1]
-    return np.where(other.any(axis=1), other.argmax(axis=1), states.shape[1])
-
-
-def _shares(steps: IntArray, keys: IntArray, changes: IntArray, within: BoolArray) -> FloatArray:
-    """Return after which share of a step keys did for good what they do at its end."""
-    share = np.ones(len(steps))
-    if len(changes) == 0:
-        return share
-    row = np.minimum(np.searchsorted(changes, steps), len(changes) - 1)
-    known = changes[row] == steps
-    states, n_substeps = within[row, :, keys], within.shape[1]
-    return np.where(known, (n_substeps - _held(states) + 1) / n_substeps, share)

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.piano_env import PianoEnv
-from sb3_piano.envs.rewards import RETURN_PREFIX
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.metrics.episode import RETURN_PREFIX
 from sb3_piano.viewing.take import Motion, Take
 
 

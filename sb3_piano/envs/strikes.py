@@ -27,14 +27,28 @@ class OpenOnsets:
         copied._times = {key: list(times) for key, times in self._times.items()}
         return copied
 
+    def hit_within(self, key: int, earliest: float, latest: float) -> bool | None:
+        """Return :meth:`hit` of a strike from ``earliest`` to ``latest``, s, if all have the same.
+
+        ``None``, and nothing is hit, if it takes the very time to tell.
+        """
+        times = self._times.get(key, [])
+        near = [onset for onset in times if _in_time(onset, min(max(onset, earliest), latest))]
+        if not near:
+            return False
+        if len(near) > 1 or not (_in_time(near[0], earliest) and _in_time(near[0], latest)):
+            return None
+        times.remove(near[0])
+        return True
+
     def hit(self, key: int, time: float) -> bool:
         """Return whether a strike (0 to 87; s) is in time for a note that was open until now."""
         times = self._times.get(key, [])
-        near = [
-            onset
-            for onset in times
-            if round(abs(onset - time) * ONSET_TICKS_PER_S) / ONSET_TICKS_PER_S <= ONSET_TOLERANCE
-        ]
+        near = [onset for onset in times if _in_time(onset, time)]
         if near:
             times.remove(min(near, key=lambda onset: abs(onset - time)))
         return bool(near)
+
+
+def _in_time(onset: float, time: float) -> bool:
+    return round(abs(onset - time) * ONSET_TICKS_PER_S) / ONSET_TICKS_PER_S <= ONSET_TOLERANCE

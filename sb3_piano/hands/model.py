@@ -57,7 +57,7 @@ def build_hand(
         for geom in spec.geoms:
             _mask(geom, side, meets_keys=hand.short(geom.parent.name) in playing)
     if capsule_forearm:
-        _take_capsule(spec.body(hand.prefix[side] + hand.forearm.body), hand)
+        _take_capsule(spec, hand)
     return spec
 
 
@@ -148,11 +148,12 @@ def _drop_friction(spec: mujoco.MjSpec, hand: HandSpec) -> None:
             joint.frictionloss = 0.0
 
 
-def _take_capsule(forearm: mujoco.MjsBody, hand: HandSpec) -> None:
+def _take_capsule(spec: mujoco.MjSpec, hand: HandSpec) -> None:
     """Let a capsule stand for the forearm's meshes, if the hand has one."""
     capsule = hand.forearm.capsule
-    for geom in forearm.geoms:
-        if capsule is not None and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+    for geom in spec.geoms:
+        on_forearm = hand.short(geom.parent.name) == hand.forearm.body
+        if capsule is not None and on_forearm and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
             geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_CAPSULE, ""
             geom.size, geom.pos = [*capsule.size, 0], capsule.pos
 

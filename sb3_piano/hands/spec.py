@@ -93,7 +93,7 @@ class ReducedActions:
 
 @settings
 class Rest:
-    """The posture over five neighbouring white keys."""
+    """The posture over neighbouring white keys."""
 
     height: Positive
     """Of the fingertips' centres over the keys' tops, m."""

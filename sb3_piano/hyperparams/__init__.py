@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 _HERE = Path(__file__).parent
@@ -25,3 +26,10 @@ SIGHT_READER = _HERE / "sight_reader" / "ppo.yml"
 FINE_TUNING = {path.stem: path for path in sorted(_HERE.glob("fine_tuning/*.yml"))}
 """Files for corrections of the sight-reader on one piece, likewise. RL Zoo does not know all their
 keys."""
+
+
+def purpose(file: Path) -> str:
+    """Return what a file is for: the first sentence of the comment at its head."""
+    head = file.read_text(encoding="utf-8").partition("\n\n")[0]
+    text = " ".join(line.lstrip("# ") for line in head.splitlines() if line.startswith("#"))
+    return re.split(r"[.:](?: |$)", text)[0]

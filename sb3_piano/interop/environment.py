@@ -35,12 +35,11 @@ ROBOPIANIST_NAMES: Mapping[str, str] = {
 
 
 class DmEnvironment(dm_env.Environment):
-    """The same episodes as those of a Gymnasium environment, told as time steps.
+    """``dm_env.Environment`` adapter for a piano environment.
 
-    An observation is a dictionary of one-dimensional float32 arrays, a block of
-    ``observation_layout`` each, with RoboPianist's names: its agents and wrappers find what they
-    know. One after the other they are the flat vector; ``ConcatObservationWrapper`` sorts them by
-    name, as it does with RoboPianist's.
+    An observation is a dictionary of one-dimensional float32 arrays, one for each block of
+    ``observation_layout``, with RoboPianist's names. In order they are the flat vector;
+    ``ConcatObservationWrapper`` sorts them by name, as it does with RoboPianist's.
 
     The discount of an episode's last step is 0 where the environment terminated and 1 where it was
     truncated, such as at the end of the piece. A step after the last one begins a new episode.
@@ -82,7 +81,7 @@ class DmEnvironment(dm_env.Environment):
         return dm_env.restart(self._blocks(observation))
 
     def step(self, action: npt.ArrayLike) -> dm_env.TimeStep:
-        """Play one control step; before the first and after an episode's last, begin an episode.
+        """Play one control step, or begin an episode before the first and after the last.
 
         Args:
             action: Shape of ``action_spec()``, in [-1, 1].
@@ -109,7 +108,7 @@ class DmEnvironment(dm_env.Environment):
         }
 
     def action_spec(self) -> specs.BoundedArray:
-        """Describe the action: actuators' targets and pedal, -1 and 1 are the ends of ranges."""
+        """Describe the action: actuator targets and pedal, scaled to [-1, 1]."""
         space = self.env.action_space
         assert isinstance(space, gym.spaces.Box), "piano environments have continuous actions"
         return specs.BoundedArray(space.shape, space.dtype, space.low, space.high, "action")
@@ -139,7 +138,7 @@ class DmEnvironment(dm_env.Environment):
 
     @property
     def physics(self) -> Physics:
-        """A view of the environment's own model and data, as dm_control's physics.
+        """View of the environment's model and data as dm_control's ``Physics``.
 
         Raises:
             ImportError: If dm_control is not installed, or does not work with this MuJoCo.

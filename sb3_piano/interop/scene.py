@@ -19,7 +19,7 @@ DM_CONTROL_NEEDED = (
     "pip install 'dm-control>=1.0.50' 'mujoco<4', on Python 3.11 or 3.12 (it requires labmaze, "
     "which cannot be installed on Python 3.13)"
 )
-"""Installation of a dm_control that works, for messages."""
+"""Installation command of dm_control, for messages."""
 
 
 def import_dm_control(name: str) -> ModuleType:
@@ -46,7 +46,7 @@ def import_dm_control(name: str) -> ModuleType:
 
 
 def scene_mjcf(**options: Any) -> mjcf.RootElement:
-    """Return the scene as an MJCF tree that may be changed, attached and compiled with dm_control.
+    """Return the scene as an MJCF tree of dm_control, to edit, attach and compile.
 
     It compiles to the model of :func:`~sb3_piano.simulation.compile_scene`. Attach it to a
     composer arena by ``dm_control.composer.ModelWrapperEntity``, or to an MJCF tree by ``attach``.

@@ -1,8 +1,4 @@
-"""Jobs: work in folders, which may stop at any moment and resume, on this machine or a cluster.
-
-An executor runs them, a :class:`concurrent.futures.Executor` of local processes or of Ray, so that
-callers need not know where a job runs.
-"""
+"""Jobs: work in folders, which may stop at any moment and resume, here or on a cluster of Ray."""
 
 from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.finish import finish, map_jobs

@@ -11,7 +11,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.job import Job, Outcome, status
-from sb3_piano.jobs.pool import explain_worker_death, open_executor
+from sb3_piano.jobs.pool import open_executor
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -40,8 +40,8 @@ def finish(
 
     Args:
         jobs: What is to be done; names differ, and a job comes after those it needs.
-        executor: Does them, where it sees their folders by the same paths; by default what the
-            next three say, see :func:`~sb3_piano.jobs.open_executor`.
+        executor: Does them, where it sees their folders by the same paths; by default one of
+            ``workers``, ``ray`` and ``resources``, see :func:`~sb3_piano.jobs.open_executor`.
         workers: Processes on this machine.
         ray: Address of a cluster of Ray.
         resources: What a job needs, on a cluster.
@@ -71,15 +71,16 @@ def finish(
         try:
             while left or running:
                 for job in _ready(left, running):
+                    del left[job.name]
                     failed = [name for name in job.needs if outcomes[name].error is not None]
                     if failed:
                         error = RunError(f"It needs {failed[0]!r}, which failed.")
-                        note(Outcome(job=left.pop(job.name), error=error))
+                        note(Outcome(job=job, error=error))
                         continue
                     on_begin(job)
                     if request.made:
                         raise KeyboardInterrupt
-                    running[opened.submit(Job.do, job)] = left.pop(job.name)
+                    running[opened.submit(Job.do, job)] = job
                 for future in _ended(running):
                     note(_outcome(running.pop(future), future, go_on))
                 if request.made and (left or running):
@@ -113,19 +114,20 @@ def _ready(left: dict[str, Job], running: dict[Future[Any], Job]) -> list[Job]:
 
 
 def _outcome(job: Job, future: Future[Any], go_on: str) -> Outcome:
-    """Return what came of a job.
-
-    Raises:
-        KeyboardInterrupt: If it was interrupted.
-    """
-    error = future.exception()
-    if error is None:
+    """Return what came of a job; raise ``KeyboardInterrupt`` if it was interrupted."""
+    try:
         return Outcome(job=job, result=future.result())
-    if isinstance(error, BrokenExecutor):
-        return Outcome(job=job, error=explain_worker_death(error, go_on))
-    if not isinstance(error, Exception):
-        raise error
-    return Outcome(job=job, error=error)
+    except BrokenExecutor as error:
+        return Outcome(job=job, error=_of_death(error, go_on))
+    except Exception as error:
+        return Outcome(job=job, error=error)
+
+
+def _of_death(error: BrokenExecutor, go_on: str) -> RunError:
+    return RunError(
+        f"A worker ended before its work was done, as happens without memory: {error} What is "
+        f"whole is kept; go on, with fewer workers if need be: {go_on}"
+    )
 
 
 def map_jobs(
@@ -137,18 +139,12 @@ def map_jobs(
 ) -> Generator[Result, None, None]:
     """Yield the results of a function of each item as they come, in any order.
 
-    Calls that have not begun are cancelled when one fails, or when the generator is closed.
-
-    Args:
-        executor: Calls the function; it, items and results must be fit to be pickled.
-        function: What is called with each item.
-        items: Its arguments.
-        request: Ends it when it is made.
-        go_on: How to go on when a worker died.
+    Calls that have not begun are cancelled when one fails, when the ``request`` is made, or when
+    the generator is closed. Function, items and results must be fit to be pickled.
 
     Raises:
         KeyboardInterrupt: If the request is made.
-        RunError: If a worker died.
+        RunError: If a worker died; the message ends with ``go_on``, how to go on.
     """
     running = dict.fromkeys(executor.submit(function, item) for item in items)
     try:
@@ -160,7 +156,7 @@ def map_jobs(
                 del running[future]
                 yield future.result()
     except BrokenExecutor as error:
-        raise explain_worker_death(error, go_on) from error
+        raise _of_death(error, go_on) from error
     finally:
         for future in running:
             future.cancel()
@@ -168,5 +164,5 @@ def map_jobs(
 
 def _ended(running: dict[Future[Result], Any]) -> list[Future[Result]]:
     """Wait for a moment, or until one ends; return those that have, in their order."""
-    done = wait(running, _LOOK_EVERY, FIRST_COMPLETED).done
-    return [future for future in running if future in done]
+    wait(running, _LOOK_EVERY, FIRST_COMPLETED)
+    return [future for future in running if future.done()]

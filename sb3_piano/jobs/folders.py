@@ -66,12 +66,12 @@ def begin_or_go_on(
     """
     place = file.parent
     try:
-        if file.is_file() and not is_empty(place):  # in which nothing was done yet
+        if place.is_dir() and not is_empty(place):  # else nothing was done there yet
+            if not file.is_file():
+                raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
             known = load_yaml(file.read_text("utf-8")) if theirs is None else theirs
             check_same(known, ours, f"The {what} in '{place}'")
             return
-        if place.is_dir() and not is_empty(place):
-            raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
         make_folder(place)
         if notes is not None:
             write_yaml(place / PROVENANCE, notes)
@@ -93,16 +93,13 @@ def check_same(theirs: Any, ours: Any, what: str) -> None:
 
 def _difference(name: str, theirs: Any, ours: Any) -> str | None:
     """Return the first difference between two values, as ``"seed 0, not 1"``."""
-    if theirs == ours:
-        return None
     if isinstance(theirs, Mapping) and isinstance(ours, Mapping):
-        for key in dict.fromkeys((*theirs, *ours)):
-            inner = f"{name}.{key}" if name else str(key)
-            found = _difference(inner, theirs.get(key), ours.get(key))
-            if found is not None:
-                return found
-        return None
-    return f"{name or 'settings'} {theirs}, not {ours}"
+        inner = (
+            _difference(f"{name}.{key}" if name else str(key), theirs.get(key), ours.get(key))
+            for key in dict.fromkeys((*theirs, *ours))
+        )
+        return next(filter(None, inner), None)
+    return None if theirs == ours else f"{name or 'settings'} {theirs}, not {ours}"
 
 
 def unwritable(place: Path, error: OSError) -> RunError:

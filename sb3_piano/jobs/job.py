@@ -65,9 +65,7 @@ class Job:
         return read_json(self.result_file, dict[str, Any], "delete it, and it is made again.")
 
     def begin(self) -> None:
-        """Note the settings in a new folder, or compare them with those of one that was begun.
-
-        Without settings nothing is noted.
+        """Note the settings, if it has any, in a new folder, or compare them with those there.
 
         Raises:
             RunError: If they differ, or something else is in the folder.
@@ -80,22 +78,18 @@ class Job:
         return None
 
     def do(self) -> Mapping[str, Any]:
-        """Do what is left to do, and return the result.
-
-        A second process that is to do it waits for the end of the first.
-        """
+        """Do what is left to do, and return the result; a second process waits for the first."""
         with hold(self.folder.with_name(f".{self.folder.name}{LOCK_SUFFIX}")):
             found = self.result()
-            if found is not None:
-                return found
-            self.begin()
-            try:
-                found = self.work(self)
-                write_json(self.result_file, found)
-            except Exception:  # what has not begun may have other settings the next time
-                if self.folder.is_dir() and is_empty(self.folder):
-                    shutil.rmtree(self.folder, ignore_errors=True)
-                raise
+            if found is None:
+                self.begin()
+                try:
+                    found = self.work(self)
+                    write_json(self.result_file, found)
+                except Exception:  # what has not begun may have other settings the next time
+                    if self.folder.is_dir() and is_empty(self.folder):
+                        shutil.rmtree(self.folder, ignore_errors=True)
+                    raise
             return found
 
 

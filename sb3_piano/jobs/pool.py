@@ -7,7 +7,6 @@ import multiprocessing
 import multiprocessing.util
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import threading
@@ -16,10 +15,11 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 from multiprocessing import spawn
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
+from signal import Signals
 from typing import Any, ParamSpec, TypeVar
 
-from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.jobs.cluster import Resources, ray_executor
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.jobs.cluster import RayExecutor, Resources
 from sb3_piano.jobs.starting import share_temporary_folder
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
@@ -42,13 +42,17 @@ def open_executor(
     """Give an executor of processes that end with the block, or with this process; or of Ray.
 
     A job that its process does not survive raises a ``BrokenExecutor``, and the next one gets a new
-    process. At the end of the block, jobs that have not begun are cancelled, and those that run get
-    SIGTERM and a minute to save what they have.
+    process; on a cluster it is begun again on any node, and must be fit for that. At the end of the
+    block, jobs that have not begun are cancelled, and those that run get SIGTERM, or Ctrl-C on a
+    cluster, and a minute to save what they have.
 
     Args:
         workers: Processes on this machine; by default one for each usable core.
         ray: Address of a cluster of Ray, which then does the jobs: ``HOST:PORT`` as
-            ``ray start --head`` prints it, ``auto`` or ``local``.
+            ``ray start --head`` prints it, ``auto`` for the one that this machine belongs to,
+            ``ray://HOST:PORT`` through Ray's client, or ``local`` for a new one on this machine,
+            which ends with the block. Every node needs this package, of the same version. Jobs work
+            in the present folder, where a node has one of its path.
         resources: What a job needs, on a cluster.
 
     Raises:
@@ -57,29 +61,17 @@ def open_executor(
         MissingPackageError: If Ray is not installed.
     """
     checked("workers", workers, Count | None)
-    if ray is not None:
-        if workers is not None:
-            raise ConfigError(
-                f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run "
-                "at once on a cluster follows from what each of them needs."
-            )
-        with ray_executor(ray, resources) as executor:
-            yield executor
-        return
-    share_temporary_folder()
-    pool = _Pool(workers or usable_cores())
+    if workers is not None and ray is not None:
+        raise ConfigError(
+            f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run "
+            "at once on a cluster follows from what each of them needs."
+        )
+    executor: _Pool | RayExecutor
+    executor = _Pool(workers or usable_cores()) if ray is None else RayExecutor(ray, resources)
     try:
-        yield pool
+        yield executor
     finally:
-        pool.end()
-
-
-def explain_worker_death(error: BrokenExecutor, how_to_go_on: str) -> RunError:
-    """Return the error that says why a worker may have died, and how to go on."""
-    return RunError(
-        f"A worker ended before its work was done, as happens without memory: {error} What is "
-        f"whole is kept; go on, with fewer workers if need be: {how_to_go_on}"
-    )
+        executor.end()
 
 
 class Here(Executor):
@@ -99,6 +91,7 @@ class _Pool(ThreadPoolExecutor):
     """Executor whose threads each have a process do their jobs."""
 
     def __init__(self, workers: int) -> None:
+        share_temporary_folder()
         super().__init__(workers)
         self._own = threading.local()
         self._workers: set[_Worker] = set()
@@ -134,7 +127,7 @@ class _Pool(ThreadPoolExecutor):
         with self._lock:
             self._ended = True
         for worker in list(self._workers):
-            worker.end()
+            worker.requests.close()  # whose end it waits for
         self.shutdown(cancel_futures=True)
         for worker in list(self._workers):
             worker.process.wait()
@@ -144,7 +137,7 @@ class _Worker:
     """A process that does one job at a time."""
 
     def __init__(self) -> None:
-        theirs, self._requests = multiprocessing.Pipe(duplex=False)
+        theirs, self.requests = multiprocessing.Pipe(duplex=False)
         self._answers, answers = multiprocessing.Pipe(duplex=False)
         descriptors = (theirs.fileno(), answers.fileno())
         # Ctrl-C reaches the group of a terminal, and a system that shuts down ends whole groups: it
@@ -162,29 +155,17 @@ class _Worker:
         about["authkey"] = bytes(about["authkey"])
         about["temporary_folder"] = multiprocessing.util.get_temp_dir()
         with contextlib.suppress(OSError):  # it has ended, which its first job notices
-            self._requests.send_bytes(pickle.dumps(about))
+            self.requests.send_bytes(pickle.dumps(about))
 
     def call(self, request: bytes) -> Any:
-        """Return whether a job raised, and what it returned or raised.
-
-        Raises:
-            BrokenExecutor: If the process ended before.
-        """
+        """Return whether a job raised, and what it returned or raised."""
         try:
-            self._requests.send_bytes(request)
+            self.requests.send_bytes(request)
             answer = self._answers.recv_bytes()
         except (EOFError, OSError) as error:
-            raise BrokenExecutor(_death(self.process)) from error
+            code = self.process.wait()
+            how = (
+                f"ended with status {code}" if code >= 0 else f"was ended by {Signals(-code).name}"
+            )
+            raise BrokenExecutor(f"process {self.process.pid} {how}.") from error
         return pickle.loads(answer)
-
-    def end(self) -> None:
-        """Let the process end: it waits for the end of the pipe."""
-        self._requests.close()
-
-
-def _death(process: subprocess.Popen[bytes]) -> str:
-    """Return how a process ended."""
-    code = process.wait()
-    if code >= 0:
-        return f"process {process.pid} ended with status {code}."
-    return f"process {process.pid} was ended by {signal.Signals(-code).name}."

@@ -11,20 +11,13 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from sb3_piano.threads import usable_cores
 from sb3_piano.unfinished import delete_unowned, own
 
 START_METHOD: Literal["forkserver", "spawn"] = (
     "forkserver" if sys.platform == "linux" else "spawn"  # macOS's libraries do not bear forks
 )
 _OURS = ".sb3-piano"
-_LIBRARIES = (
-    "torch",
-    "gymnasium",
-    "stable_baselines3",
-    "sb3_contrib",
-    "scipy.optimize",
-)
+_LIBRARIES = ("torch", "gymnasium", "stable_baselines3", "sb3_contrib", "scipy.optimize")
 
 
 def process_context() -> (
@@ -60,16 +53,3 @@ def share_temporary_folder() -> None:
         own(os.open(folder, os.O_RDONLY))
         (folder / _OURS).touch()
         delete_unowned(mark.parent for mark in folder.parent.glob(f"pymp-*/{_OURS}"))
-
-
-def may_start_processes() -> bool:
-    """Return whether there is a core for another process, and starting one disturbs nobody.
-
-    Each process imports the main module again. A module that runs with ``-m`` and an installed
-    command can bear that; a script may lack its guard (``if __name__ == "__main__":``), and would
-    do its work twice.
-    """
-    main = sys.modules["__main__"]
-    is_script = main.__spec__ is None and Path(getattr(main, "__file__", "")).suffix == ".py"
-    is_free = not multiprocessing.current_process().daemon
-    return is_free and not is_script and usable_cores() > 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -23,12 +23,12 @@ from sb3_piano.music.constants import FINGERS_PER_HAND
 
 @dataclass(frozen=True)
 class Definition:
-    """A number in words, as ``definitions.yml`` has them."""
+    """Definition of a number, an entry of ``definitions.yml``."""
 
     name: str
-    """Its name in ``info``."""
+    """Key in ``info``."""
     section: str
-    """Subject; heads a part of a table."""
+    """Section of the table."""
     label: str
     meaning: str
     short: str
@@ -37,9 +37,12 @@ class Definition:
     digits: int = 3
 
     def rounded(self, value: float) -> str:
-        """Return a value with its number of decimals, without its unit."""
+        """Format a value with its number of decimals, without its unit."""
         return f"{round(value, self.digits) + 0.0:.{self.digits}f}"  # + 0.0 turns -0.0 into 0.0
 
+
+RETURN_PREFIX = "return_"
+"""Beginning of the names in the final ``info`` of the sums of the weighted reward terms."""
 
 DEFINITIONS: Mapping[str, Definition] = MappingProxyType(
     {
@@ -48,12 +51,29 @@ DEFINITIONS: Mapping[str, Definition] = MappingProxyType(
         for name, words in numbers.items()
     }
 )
-"""By name, in the order of a table: ``EPISODE_METRICS``, ``return_<term>`` for each reward term of
+"""By name, in table order: ``EPISODE_METRICS``, ``return_<term>`` for each reward term of
 the environments, and what every episode has: ``return`` and ``length``."""
 
 
+def in_order(metrics: Iterable[str]) -> list[str]:
+    """Return names in the order of a table; last the returns of terms that nobody defined."""
+    found = list(metrics)
+    own = [n for n in found if n.startswith(RETURN_PREFIX) and n not in DEFINITIONS]
+    return [*(name for name in DEFINITIONS if name in found), *own]
+
+
+def definition_of(name: str) -> Definition:
+    """Return the definition of a number; one that nobody defined is called by its name."""
+    if name in DEFINITIONS:
+        return DEFINITIONS[name]
+    if name.startswith(RETURN_PREFIX):
+        words = name.removeprefix(RETURN_PREFIX).replace("_", " ")
+        return Definition(name, "Return", f"return from {words}", "", words, digits=2)
+    return Definition(name, "", name, "", name)
+
+
 def has_value(name: str, metrics: Mapping[str, float]) -> bool:
-    """Return whether a number among all of an episode says anything.
+    """Return whether a metric is defined for an episode, given all its metrics.
 
     Timing needs a hit; the agreement of fingers a key that sounds when it is due.
     """
@@ -66,11 +86,11 @@ _NEEDED = {
     "onset_error_std_ms": "onset_recall",
     "fingering_agreement": "non_silent_f1",
 }
-"""What must not be 0 where a number is to say anything."""
+"""Metric that must not be 0 for another one to be defined."""
 
 
 def normalized_return(value: float, highest: float) -> float:
-    """Return the share of the highest return that the piece allows: ``value / highest``.
+    """Return the share of the highest possible return: ``value / highest``.
 
     It is below 0 if the costs outweigh the rewards.
 
@@ -82,7 +102,7 @@ def normalized_return(value: float, highest: float) -> float:
 
 
 FINGER_SHARES = tuple(f"finger_share_{hand}{finger}" for hand in "rl" for finger in range(1, 6))
-"""Names of the ten shares of the pressing, in the order of the fingers 0-9: right thumb
+"""Names of the ten finger shares, in the order of the fingers 0-9: right thumb
 (``finger_share_r1``) to little finger, then left."""
 
 EPISODE_METRICS = (
@@ -107,7 +127,7 @@ EPISODE_METRICS = (
     "noop_f1",
     "normalized_return",
 )
-"""Names of the music metrics that an environment puts into ``info`` at the end of an episode."""
+"""Names of the music metrics in the final ``info`` of an episode."""
 
 
 def episode_metrics(

@@ -1,4 +1,4 @@
-"""Finger usage: which finger pressed each key, and how the work is shared."""
+"""Finger usage: the finger on each key, and the distribution of the pressing."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ _NO_FINGER = -1
 
 
 class KeyBoxes(NamedTuple):
-    """The boxes that are the keys, in the world."""
+    """Boxes of the keys, in the world."""
 
     center: FloatArray
     """(88, 3) m."""
     rotation: FloatArray
-    """(88, 3, 3) whose columns are the axes of the box in the world."""
+    """(88, 3, 3) axes of the box in the world, as columns."""
     half_size: FloatArray
-    """(88, 3) half the length along each of its axes, m."""
+    """(88, 3) half lengths along the axes, m."""
 
 
 def nearest_fingers(
     sounding: npt.ArrayLike, fingertips: npt.ArrayLike, boxes: KeyBoxes
 ) -> FingerArray:
-    """Attribute each key that sounds to the finger whose tip is nearest to it.
+    """Attribute each sounding key to the finger with the nearest tip.
 
     The distance of a point to a box with axes R, centre c and half sizes h is the length of
     ``max(|R^T (p - c)| - h, 0)``, which is 0 inside. If several tips are equally near, as inside
@@ -61,7 +61,7 @@ def nearest_fingers(
 
 
 def finger_shares(press_finger: npt.ArrayLike) -> FloatArray:
-    """Return the share of the pressing that each finger does.
+    """Return each finger's share of the pressing.
 
     ``n_f / sum(n)`` with ``n_f`` the number of pairs of a control step and a key in which the key
     sounds under finger f: a key that is held for long counts for long.
@@ -80,7 +80,7 @@ def finger_shares(press_finger: npt.ArrayLike) -> FloatArray:
 
 
 def effective_fingers(shares: npt.ArrayLike) -> float:
-    """Return the effective number of fingers: how many would share the work as evenly.
+    """Return the effective number of fingers, the exponential of the shares' entropy.
 
     ``exp(-sum_f p_f ln p_f)`` over the fingers with ``p_f > 0``, the shares made to sum to 1 first,
     so that the five of one hand can be passed: 1 if one finger does all, n if n do equally much.
@@ -102,7 +102,7 @@ def effective_fingers(shares: npt.ArrayLike) -> float:
 
 
 def fingering_agreement(press_finger: npt.ArrayLike, target_finger: npt.ArrayLike) -> float:
-    """Return the share of the rightly pressed, labelled keys that the labelled finger pressed.
+    """Return the share of rightly pressed, labelled keys pressed by the labelled finger.
 
     Over all pairs of a control step and a key in which the key sounds and is due with a finger
     label: how many of them have that very finger on the key, divided by how many there are.

@@ -1,4 +1,4 @@
-"""Frame scores: what sounds against what should sound, control step by control step."""
+"""Frame scores: sounding keys against due keys, in each control step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class FrameScores(NamedTuple):
 
 
 def frame_scores(target: npt.ArrayLike, played: npt.ArrayLike) -> FrameScores:
-    """Compare, control step by control step, what sounds with what should sound.
+    """Compare sounding keys with due keys in each control step.
 
     In each step, with ``tp`` keys that sound and should, ``p`` keys that sound and ``t`` keys that
     should: precision is ``tp / p``, recall is ``tp / t`` and F1 is ``2 tp / (p + t)``, each 1 where
@@ -57,7 +57,7 @@ def frame_f1(target: npt.ArrayLike, played: npt.ArrayLike) -> float:
 
 
 def non_silent_f1(target: npt.ArrayLike, played: npt.ArrayLike) -> float:
-    """Return the mean F1 of the control steps in which the piece sounds.
+    """Return the mean F1 of the control steps with due keys.
 
     F1 of a step is ``2 tp / (p + t)`` as in :func:`frame_scores`; the mean is over those steps in
     which at least one key is due (``t > 0``). Playing nothing scores 0. A key that sounds in the
@@ -79,7 +79,7 @@ def non_silent_f1(target: npt.ArrayLike, played: npt.ArrayLike) -> float:
 
 
 def noop_scores(target: npt.ArrayLike) -> FrameScores:
-    """Return the frame scores of playing nothing: the baseline that any score must beat.
+    """Return the frame scores of playing nothing, the baseline of any score.
 
     Args:
         target: (T, n) bool, what should sound.
@@ -96,7 +96,7 @@ def noop_scores(target: npt.ArrayLike) -> FrameScores:
 
 
 def same_frames(target: npt.ArrayLike, played: npt.ArrayLike) -> tuple[BoolArray, BoolArray]:
-    """Return both as bool arrays; a ``ValueError`` tells that they are not (T, n) alike."""
+    """Return both as bool arrays; raise ValueError unless both are (T, n)."""
     target, played = np.asarray(target, dtype=bool), np.asarray(played, dtype=bool)
     if target.ndim != 2 or target.shape != played.shape:
         raise ValueError(
@@ -107,7 +107,7 @@ def same_frames(target: npt.ArrayLike, played: npt.ArrayLike) -> tuple[BoolArray
 
 
 def _mean_ratio(numerator: IntArray, denominator: IntArray) -> float:
-    """Return the mean of the ratios, each 1 where its denominator is 0; 1.0 if there is none."""
+    """Return the mean of ratios, each 1 where its denominator is 0; 1.0 without ratios."""
     if len(numerator) == 0:
         return 1.0
     ratio = np.ones(len(numerator))

@@ -1,4 +1,4 @@
-"""Losses: where the frames that are due are lost, and where the wrong ones come from."""
+"""Losses: where due frames are lost, and where wrong frames come from."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from sb3_piano.metrics.presses import Presses, presses_of
 from sb3_piano.music.constants import FINGER_NAMES, FINGERS_PER_HAND, KEY_IS_BLACK, UNKNOWN_FINGER
 
 DUE_KINDS = ("sounding", "never", "late", "early", "interrupted")
-"""What becomes of a frame that is due."""
+"""Kind of a due frame."""
 WRONG_KINDS = ("own_note", "neighbour", "other")
-"""What a frame that sounds and is not due has to do with the score."""
+"""Kind of a wrong frame, by its relation to the score."""
 
 _COLOURS = ("white keys", "black keys")
 _FINGERS = (*FINGER_NAMES, "no finger")  # -1 is the last one
 _CHORDS = ("1 note", "2 notes", "3 notes", "4 or more notes")
 ALL = "all"
-"""The group of all frames."""
+"""Group of all frames."""
 GROUPS = (ALL, *_FINGERS, *_COLOURS, *_CHORDS)
-"""The groups that frames are counted in, in the order of a table; each but the first by finger,
+"""Groups of frames, in the order of a table; each but the first by finger,
 colour of the key, or size of the chord."""
 
 Counts = Mapping[str, Mapping[str, int]]
-"""Number of frames by group and kind; without groups that have none."""
+"""Number of frames by group and kind, without empty groups."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,21 +37,21 @@ class Losses:
     """Frames of a performance by group and kind; a frame is a key in a control step."""
 
     due: Counts
-    """The frames that are due: by the finger of the score, the key's colour and the size of the
+    """Due frames: by the finger of the score, the key's colour and the size of the
     chord that the note belongs to; kinds are :data:`DUE_KINDS`."""
     wrong: Counts
-    """The frames that sound and are not due: by the finger that is on the key, and the key's
+    """Wrong frames: by the finger on the key, and the key's
     colour; kinds are :data:`WRONG_KINDS`."""
 
     @classmethod
     def sum_of(cls, several: Iterable[Losses]) -> Losses:
-        """Return the losses of several performances together."""
+        """Add the losses of several performances."""
         listed = list(several)
         return cls(due=_sum(one.due for one in listed), wrong=_sum(one.wrong for one in listed))
 
 
 def shares_of(counts: Mapping[str, int]) -> dict[str, float]:
-    """Return each kind's share of all frames of a group, which has at least one; the sum is 1."""
+    """Return each kind's share of a non-empty group's frames; the sum is 1."""
     total = sum(counts.values())
     return {kind: count / total for kind, count in counts.items()}
 
@@ -62,7 +62,7 @@ def losses_of(
     target_finger: npt.ArrayLike,
     press_finger: npt.ArrayLike,
 ) -> Losses:
-    """Say of each frame that is due what became of it, and of each wrong one what it is.
+    """Classify each due frame and each wrong frame of a performance.
 
     A note is an unbroken run of control steps in which its key is due (:func:`presses_of`). A frame
     of it is
@@ -130,7 +130,7 @@ def _frames_of(presses: Presses) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def _due_kinds(target: BoolArray, played: BoolArray, notes: Presses) -> IntArray:
-    """Return the place in ``DUE_KINDS`` of each frame of the notes."""
+    """Return the index in ``DUE_KINDS`` of each frame of the notes."""
     step, key, note = _frames_of(notes)
     sounds = played[step, key]
     first, last = np.full(len(notes.key), len(target)), np.full(len(notes.key), -1)
@@ -141,7 +141,7 @@ def _due_kinds(target: BoolArray, played: BoolArray, notes: Presses) -> IntArray
 
 
 def _beside(due: BoolArray) -> BoolArray:
-    """Return which keys are neighbours of one that is due, (T, n) bool."""
+    """Return the keys beside a due key, (T, n) bool."""
     beside = np.zeros_like(due)
     beside[:, 1:] |= due[:, :-1]
     beside[:, :-1] |= due[:, 1:]
@@ -152,7 +152,7 @@ def _beside(due: BoolArray) -> BoolArray:
 
 
 def _chord_sizes(notes: Presses, label: npt.NDArray[np.integer]) -> IntArray:
-    """Return the place in ``_CHORDS`` of each note."""
+    """Return the index in ``_CHORDS`` of each note."""
     finger = label[notes.first, notes.key]
     hand = np.where(finger == UNKNOWN_FINGER, 2, finger // FINGERS_PER_HAND)
     chord = notes.first * 3 + hand
@@ -169,7 +169,7 @@ def _colour_groups(key: IntArray) -> IntArray:
 
 
 def _count(kinds: tuple[str, ...], kind: IntArray, *groups: IntArray) -> Counts:
-    """Count frames by all groups that each of them is in, and kind."""
+    """Count frames by kind in every group they belong to."""
     table = np.zeros((len(GROUPS), len(kinds)), dtype=int)
     for group in (np.zeros_like(kind), *groups):
         np.add.at(table, (group, kind), 1)

@@ -1,4 +1,4 @@
-"""Onset scores: which notes were struck on time, and how far from it."""
+"""Onset scores: notes struck in time, and their timing errors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ONSET_TICKS_PER_S = 10_000
 _REACH = 0.001
 
 Row = tuple[int, list[int]]
-"""First event of b that is close to one of a; worth of the pair with it and with each that follows,
+"""First event of b close to one of a; worth of the pair with it and with each that follows,
 0 where there can be no pair."""
 
 
@@ -36,7 +36,7 @@ class Onsets(NamedTuple):
     """n strikes of keys, in any order."""
 
     time: npt.NDArray[np.float64]
-    """(n,) when the key is struck, in s since the start."""
+    """(n,) time of the strike, s since the start."""
     key: npt.NDArray[np.intp]
     """(n,) key, 0-87."""
 
@@ -50,7 +50,7 @@ class OnsetScores(NamedTuple):
 
     @classmethod
     def of_counts(cls, hits: int, strikes: int, targets: int) -> OnsetScores:
-        """Return the scores of so many hits, strikes and target onsets."""
+        """Return the scores from the numbers of hits, strikes and target onsets."""
         return cls(
             precision=_ratio(hits, strikes),
             recall=_ratio(hits, targets),
@@ -67,7 +67,7 @@ class TimingError(NamedTuple):
 
 
 def onsets_of(active: npt.ArrayLike, control_timestep: float) -> Onsets:
-    """Return the strikes in data that knows whole control steps only.
+    """Return the strikes in data of whole control steps.
 
     A strike is taken to fall on the beginning of the first step of its press (see
     :func:`~sb3_piano.metrics.presses_of`), though the key may have gone down at any time within the
@@ -99,8 +99,8 @@ def match_onsets(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERA
     key and has the least sum of distances. If several have the same sum, earlier onsets are
     preferred.
 
-    Source: ``mir_eval.transcription.match_notes`` with ``offset_ratio=None`` for what can be paired
-    and for the number of pairs; of several largest matchings it takes any.
+    Source: ``mir_eval.transcription.match_notes`` with ``offset_ratio=None`` for the possible pairs
+    and their number; mir_eval takes any of several largest matchings.
 
     Args:
         target: n target onsets.
@@ -129,7 +129,7 @@ def match_onsets(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERA
 
 
 def onset_scores(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERANCE) -> OnsetScores:
-    """Score how many notes were struck on time.
+    """Score the notes struck in time.
 
     With ``hits`` the number of pairs of :func:`match_onsets`: precision is ``hits / strikes``,
     recall is ``hits / targets`` and F1, their harmonic mean, ``2 hits / (strikes + targets)``, each
@@ -155,7 +155,7 @@ def onset_f1(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERANCE)
 
 
 def timing_error(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERANCE) -> TimingError:
-    """Return mean and standard deviation of how late the hits are.
+    """Return mean and standard deviation of the hits' delay.
 
     Over the pairs of :func:`match_onsets`, of the same arguments: the time of the strike minus the
     target onset, in ms; 0.0 and 0.0 if there is no hit.
@@ -206,7 +206,7 @@ def _close_rows(a: Onsets, b: Onsets, tolerance: float) -> list[Row]:
 
 
 def _best_path(rows: list[Row]) -> list[tuple[int, int]]:
-    """Return the pairs (row, event of b) of the greatest worth in all.
+    """Return the pairs (row, event of b) with the greatest total worth.
 
     ``best[i][x]`` is the greatest worth with rows up to i and the events of b before
     ``rows[i][0] + x``. Rows begin and end in order, so that more than what is kept of a row is
@@ -228,7 +228,7 @@ def _best_path(rows: list[Row]) -> list[tuple[int, int]]:
 
 
 def _trace(rows: list[Row], best: list[list[int]]) -> list[tuple[int, int]]:
-    """Walk back through the worths, leaving out what is not needed, the latest first.
+    """Walk back through the worths; skip unneeded events, the latest first.
 
     ``j`` is how many events of b are left; it never falls below the first of the row.
     """

@@ -1,4 +1,4 @@
-"""Presses: the unbroken runs of control steps in which a key sounds; and which are wrong."""
+"""Presses, the unbroken runs of control steps in which a key sounds: times, and wrong presses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.metrics.frames import same_frames
+
+_LEAST_DURATION = 1e-3
+"""Least duration of a press, s: a key may go down with the very last physics step."""
 
 
 class Presses(NamedTuple):
@@ -52,10 +56,10 @@ def presses_of(active: npt.ArrayLike) -> Presses:
 
 
 def wrong_presses(target: npt.ArrayLike, played: npt.ArrayLike) -> int:
-    """Count the presses in none of whose control steps the key is due.
+    """Count the presses whose key is due in none of their control steps.
 
     A press (see :func:`~sb3_piano.metrics.presses_of`) that overlaps a note of its key by one step
-    is not wrong, however early or late it is: the onset scores tell that.
+    is not wrong, however early or late: the onset scores measure that.
 
     Args:
         target: (T, n) bool, what should sound.
@@ -76,9 +80,78 @@ def wrong_presses(target: npt.ArrayLike, played: npt.ArrayLike) -> int:
 def wrong_presses_per_second(
     target: npt.ArrayLike, played: npt.ArrayLike, control_timestep: float
 ) -> float:
-    """Return the :func:`wrong_presses` in each second of playing; 0.0 if there is no step at all.
+    """Return the :func:`wrong_presses` a second of playing; 0.0 without steps.
 
     ``control_timestep`` is the length of a control step, in s.
     """
     wrong = wrong_presses(target, played)
     return wrong / (len(np.asarray(target)) * control_timestep) if wrong else 0.0
+
+
+def press_times(
+    presses: Presses,
+    changes: IntArray,
+    within: BoolArray,
+    control_timestep: float,
+    n_steps: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times at which each press began and ended.
+
+    A key is pressed or let go when what it does at the end of a control step differs from the end
+    of the step before. The time is that of the physics step since which it has been so: a key that
+    bounces within a control step went down when it went down for good.
+
+    Args:
+        presses: n presses of the episode so far.
+        changes: (m,) control steps of which more is known, ascending. What happened in another one
+            is taken to have happened at its end.
+        within: (m, p, 88) which keys sounded after each of their p physics steps.
+        control_timestep: Length of a control step, s.
+        n_steps: How many control steps the episode has had.
+
+    Returns:
+        (n,) times from the start of the episode, s, at which the keys went down, and at which they
+        came up; the end of the last step for those that have not.
+    """
+    steps = np.concatenate([presses.first, presses.end])
+    share = step_shares(steps, np.tile(presses.key, 2), changes, within)
+    strikes, releases = np.split((steps + share) * control_timestep, 2)
+    end = np.maximum(n_steps * control_timestep, strikes + _LEAST_DURATION)
+    return strikes, np.where(presses.end < n_steps, releases, end)
+
+
+def strike_speeds(angles: FloatArray, within: BoolArray) -> FloatArray:
+    """Return by how much keys moved in the physics step in which they went down for good.
+
+    Args:
+        angles: (m, p + 1, 88) angles before m control steps and after their p physics steps, rad.
+        within: (m, p, 88) which keys sounded after each of these.
+
+    Returns:
+        (m, 88) rad in a physics step; 0 of a key that does not sound at the end.
+    """
+    first = (within.shape[1] - _held(within))[:, None]
+    moved = np.take_along_axis(np.diff(angles, axis=1), first, axis=1)[:, 0]
+    return np.where(within[:, -1], moved, 0.0)
+
+
+def _held(states: BoolArray) -> IntArray:
+    """Return for how many physics steps at the end, along axis 1, keys were as they are last."""
+    other = (states != states[:, -1:])[:, ::-1]
+    return np.where(other.any(axis=1), other.argmax(axis=1), states.shape[1])
+
+
+def step_shares(
+    steps: IntArray,
+    keys: IntArray,
+    changes: IntArray,
+    within: BoolArray,
+) -> FloatArray:
+    """Return after which share of a step keys did for good what they do at its end."""
+    share = np.ones(len(steps))
+    if len(changes) == 0:
+        return share
+    row = np.minimum(np.searchsorted(changes, steps), len(changes) - 1)
+    known = changes[row] == steps
+    states, n_substeps = within[row, :, keys], within.shape[1]
+    return np.where(known, (n_substeps - _held(states) + 1) / n_substeps, share)

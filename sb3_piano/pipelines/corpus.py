@@ -9,37 +9,26 @@ import hashlib
 import os
 import shlex
 import warnings
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import field
 from pathlib import Path
-from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from annotated_types import Ge, MinLen
 from pydantic import BeforeValidator
 
-from sb3_piano.demonstrations.corpus import DATA, INDEX, RecordedCorpus
+from sb3_piano.demonstrations import shards as datasets
+from sb3_piano.demonstrations.corpus import CONFIG, DATA, INDEX, RecordedCorpus
 from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise
 from sb3_piano.demonstrations.recording import play_episode
-from sb3_piano.demonstrations.shards import (
-    Notes,
-    Play,
-    Shard,
-    ShardJob,
-    file_digest,
-    make_missing,
-    shard_job,
-)
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import Outcome, open_executor, status
 from sb3_piano.jobs.folders import begin_or_go_on, shared_folder
 from sb3_piano.links import make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -51,17 +40,13 @@ from sb3_piano.settings import Count, Index, Listed, NotNegative, Number, Positi
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.values import plain
-from sb3_piano.training.playing.player import player_files, player_to_record, stage_for
+from sb3_piano.training.playing.player import stage_for
+from sb3_piano.training.playing.player_files import player_files
+from sb3_piano.training.playing.recording import player_to_record
 from sb3_piano.training.runs.provenance import provenance
-
-if TYPE_CHECKING:
-    from minari.data_collector.episode_buffer import EpisodeBuffer
 
 Env = gym.Env[Any, Any]
 
-_CONFIG = "corpus.yml"
-
-_BY_HAND = {"observation": "hands", "reduced_action_space": False}
 
 DEFAULT_NOISE = (0.0, 0.03, 0.06, 0.1)
 """Standard deviations, rad, with which learners see how a planned pianist recovers."""
@@ -99,9 +84,6 @@ class CorpusConfig:
     Each excerpt is played by each player, each time in ``episodes`` performances with noise in
     turns. Performances are numbered in this order; each is a function of the settings and of its
     number alone.
-
-    Raises:
-        ConfigError: If a setting is unknown, has the wrong type or is out of range.
     """
 
     pieces: Annotated[tuple[str, ...], BeforeValidator(_pieces)]
@@ -139,12 +121,8 @@ class CorpusConfig:
 
     def __len__(self) -> int:
         """Return the number of performances."""
-        return self.n_excerpts * len(self.players) * self.episodes
-
-    @property
-    def n_excerpts(self) -> int:
-        """Number of excerpts."""
-        return len(self.pieces) if self.excerpts is None else self.excerpts
+        n_excerpts = len(self.pieces) if self.excerpts is None else self.excerpts
+        return n_excerpts * len(self.players) * self.episodes
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the settings in YAML's types, with which the class can be called again."""
@@ -159,23 +137,21 @@ class CorpusConfig:
         """
         rest, turn = divmod(number, self.episodes)
         excerpt, player = divmod(rest, len(self.players))
+        piece = self.pieces[excerpt % len(self.pieces)]
+        score = load_score(piece)
+        if self.seconds is not None:
+            random = np.random.default_rng((self.seed, excerpt, 0))
+            last = max(score.duration - self.seconds, score.notes[0].onset)
+            start = float(random.choice(sorted({n.onset for n in score.notes if n.onset <= last})))
+            part = score.excerpt(start, start + self.seconds)
+            score = dataclasses.replace(part, title=f"{score.title} from {start:.2f} s")
         return Performance(
-            score=self._excerpt(excerpt),
-            piece=self.pieces[excerpt % len(self.pieces)],
+            score=score,
+            piece=piece,
             player=self.players[player],
             noise=self.noise[turn % len(self.noise)],
             seed=int(np.random.SeedSequence((self.seed, number)).generate_state(1)[0]),
         )
-
-    def _excerpt(self, number: int) -> Score:
-        score = load_score(self.pieces[number % len(self.pieces)])
-        if self.seconds is None:
-            return score
-        random = np.random.default_rng((self.seed, number, 0))
-        last = max(score.duration - self.seconds, score.notes[0].onset)
-        start = float(random.choice(sorted({n.onset for n in score.notes if n.onset <= last})))
-        part = score.excerpt(start, start + self.seconds)
-        return dataclasses.replace(part, title=f"{score.title} from {start:.2f} s")
 
 
 def record_corpus(
@@ -186,16 +162,16 @@ def record_corpus(
     workers: int | None = None,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> RecordedCorpus | None:
-    """Record a corpus of performances, or go on recording it.
+    """Record a corpus, or go on recording it; return ``None`` if it was interrupted.
 
-    A folder in which it was begun is gone on with: shards that are whole are kept, those that are
-    missing or damaged are made. The result is the same whoever makes it, in whatever order, on
-    processors of one kind with packages of the same versions.
+    In a folder in which it was begun, shards that are whole are kept, and those that are missing or
+    damaged are made. The result is the same whoever makes it, in whatever order, on processors of
+    one kind with packages of the same versions.
 
     ============== ================================================================================
     ``corpus.yml`` the settings, and checksums of the files that are played or that play
     ``run.yml``    command line, versions of packages, time
-    ``data/``      Minari data sets, and a manifest of each, a :class:`Shard`
+    ``data/``      Minari data sets, and a manifest of each
     ``index.json`` when all are there: their names and contents, and a checksum of those
     ============== ================================================================================
 
@@ -203,12 +179,9 @@ def record_corpus(
         config: The settings.
         folder: Where to: a new or empty folder, or one to go on with.
         executor: Makes the shards, where it sees folder and files by the same paths; by default a
-            pool of processes of this machine.
-        workers: Processes of that pool; by default one for each usable core.
+            pool of ``workers`` processes, see :func:`~sb3_piano.jobs.open_executor`.
+        workers: Processes of that pool.
         on_progress: Is told how many performances are over, and of how many.
-
-    Returns:
-        The corpus; ``None`` if Ctrl-C or SIGTERM ended it early.
 
     Raises:
         ConfigError: If a setting is not valid, or a player cannot play.
@@ -218,12 +191,11 @@ def record_corpus(
     require_minari()
     place = shared_folder(folder)
     _check_players(config)
-    owned = hold(place / LOCK_SUFFIX, f"'{place}' is being worked in", "one recording in a folder.")
-    pool = open_executor(workers) if executor is None else contextlib.nullcontext(executor)
-    with owned, stop_on_signal():
+    busy = f"'{place}' is being worked in"
+    with hold(place / LOCK_SUFFIX, busy, "one recording in a folder."), stop_on_signal():
         inputs = _inputs(config)
         settings = {**config.to_mapping(), "files": inputs}
-        begin_or_go_on(place / _CONFIG, "corpus", settings, notes=provenance(config.seed))
+        begin_or_go_on(place / CONFIG, "corpus", settings, notes=provenance(config.seed))
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
 
@@ -231,25 +203,25 @@ def record_corpus(
             on_progress(min(done * config.shard, len(config)), len(config))
 
         again = f"give the same command again, for {shlex.quote(str(place))}"
+        jobs = corpus_jobs(config, place, inputs)
         try:
-            with pool as chosen:
-                shards = make_missing(chosen, _shards(config, inputs, place), tell, again)
+            made = datasets.make_missing(executor, jobs, tell, workers=workers, go_on=again)
         except KeyboardInterrupt:
             return None
-        if not any(shard.steps for shard in shards):
-            why = next(iter(shards[0].skipped.values()))
-            raise RunError(f"Nothing could be played: {why}")
-        _write_index(place, config, shards)
+        if not any(shard.steps for shard in made):
+            raise RunError(f"Nothing could be played: {next(iter(made[0].skipped.values()))}")
+        shards = {shard.name: shard.content for shard in made}
+        content = hashlib.sha256("".join(shards.values()).encode()).hexdigest()
+        index = {"content": content, "pieces": list(config.pieces), "shards": shards}
+        write_json(place / INDEX, index)
     return RecordedCorpus.open(place)
 
 
-def corpus_status(config: CorpusConfig, folder: str | os.PathLike[str]) -> list[Outcome]:
-    """Return how far each shard of a corpus is, also while it is being recorded."""
-    return status(_shards(config, _inputs(config), shared_folder(folder)))
-
-
-def _shards(config: CorpusConfig, inputs: Mapping[str, str], place: Path) -> list[ShardJob]:
+def corpus_jobs(
+    config: CorpusConfig, place: Path, inputs: Mapping[str, str] | None = None
+) -> list[datasets.ShardJob]:
     """Return the jobs of a corpus; ``inputs`` are checksums of the files that decide it."""
+    inputs = _inputs(config) if inputs is None else inputs
     settings, size = config.to_mapping(), config.shard
     about = {name: value for name, value in settings.items() if name != "pieces"}
     jobs = []
@@ -261,18 +233,18 @@ def _shards(config: CorpusConfig, inputs: Mapping[str, str], place: Path) -> lis
             "sb3_piano": about,
         }
         content, playing = [settings, dict(inputs), name], functools.partial(_playing, config)
-        jobs.append(shard_job(name, place / DATA, content, numbers, metadata, playing))
+        jobs.append(datasets.shard_job(name, place / DATA, content, numbers, metadata, playing))
     return jobs
 
 
 @contextlib.contextmanager
-def _playing(config: CorpusConfig) -> Iterator[tuple[Env, Play]]:
+def _playing(config: CorpusConfig) -> Iterator[tuple[Env, datasets.Play]]:
     """Give the environment that is recorded, and what plays a performance in one like it."""
     with torch_computing(1), warnings.catch_warnings(), contextlib.ExitStack() as opened:
         warnings.simplefilter("ignore", PlanWarning)  # scores tell it, of thousands of pieces
         players = {n: opened.enter_context(open_player(config, n)) for n in config.players}
 
-        def play(number: int) -> tuple[EpisodeBuffer, Notes]:
+        def play(number: int) -> Any:
             what = config.performance(number)
             player, env = players[what.player]
             noise = ActuatorNoise(env, what.noise, config.noise_memory) if what.noise else None
@@ -293,12 +265,10 @@ def open_player(config: CorpusConfig, name: str) -> Iterator[tuple[Player, Env]]
         RunError: If a run cannot be loaded.
     """
     spec = PlayerSpec.parse(name)
-    if spec.name == "sampling":
-        one_core = {"n_threads": 1, **spec.arguments}  # as each process has
-        spec = dataclasses.replace(spec, arguments=one_core)
-    options = {"observation": "fingers", "physics": "fast", **config.env_kwargs}
-    if config.by_hand:
-        options |= _BY_HAND
+    if spec.name == "sampling":  # on one core, as each process has
+        spec = dataclasses.replace(spec, arguments={"n_threads": 1, **spec.arguments})
+    by_hand = {"observation": "hands", "reduced_action_space": False} if config.by_hand else {}
+    options = {"observation": "fingers", "physics": "fast", **config.env_kwargs, **by_hand}
     stage = stage_for(config.pieces[0], **options)
     if config.by_hand:
         acting = Plugin(path="sb3_piano.wrappers.HandActions")
@@ -320,22 +290,6 @@ def _check_piece_can_be_given(env: Env, run: str) -> None:
             f"The run '{run}' has wrappers that choose what it plays: expected one without, for "
             "a corpus."
         )
-
-
-def summary(shards: Sequence[Shard]) -> dict[tuple[str, float], tuple[int, float, float]]:
-    """Return performances, mean F1 and mean onset F1 by player and noise, rad."""
-    found: dict[tuple[str, float], list[Any]] = defaultdict(list)
-    for shard in shards:
-        for notes in shard.episodes:
-            found[str(notes["player"]), float(notes["noise"])].append(notes)
-    return {
-        played: (
-            len(each),
-            fmean(notes["f1"] for notes in each),
-            fmean(notes["onset_f1"] for notes in each),
-        )
-        for played, each in found.items()
-    }
 
 
 def _check_players(config: CorpusConfig) -> None:
@@ -363,11 +317,4 @@ def _inputs(config: CorpusConfig) -> dict[str, str]:
     notes = {name: digest(library.score(name)) for name in config.pieces if name in imported}
     files = [Path(name) for name in config.pieces if name not in imported]
     files += [file for text in config.players for file in player_files(PlayerSpec.parse(text))]
-    return notes | {str(file): file_digest(file) for file in files if os.path.isfile(file)}
-
-
-def _write_index(place: Path, config: CorpusConfig, shards: Sequence[Shard]) -> None:
-    contents = {shard.name: shard.content for shard in shards}
-    content = hashlib.sha256("".join(contents.values()).encode()).hexdigest()
-    index = {"content": content, "pieces": list(config.pieces), "shards": contents}
-    write_json(place / INDEX, index)
+    return notes | {str(f): datasets.file_digest(f) for f in files if os.path.isfile(f)}

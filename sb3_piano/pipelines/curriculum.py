@@ -6,20 +6,20 @@ import contextlib
 import dataclasses
 import os
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
-from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
+from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError, naming
 from sb3_piano.files import write_yaml
-from sb3_piano.jobs import Here, Job, Outcome, status
+from sb3_piano.jobs import Here, Job
 from sb3_piano.jobs.folders import is_empty, shared_folder, unwritable
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.pipelines.stages import CURRICULUM_FILE, Curriculum, load_curriculum
-from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, training
+from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
 from sb3_piano.settings import Count, checked
 from sb3_piano.training import RunFolder
 from sb3_piano.training.runs.start import start_plugin
@@ -47,17 +47,17 @@ def run_curriculum(
     :class:`~sb3_piano.training.StartFromRun`: networks, optimizers, entropy coefficient and
     statistics of ``VecNormalize``. Step count and schedules begin anew.
 
-    The same call goes on with a curriculum that was begun in the folder: after Ctrl-C or SIGTERM
-    where it stopped, after a crash from the last checkpoint. A stage that has ended is not trained
-    again; stages that have not begun may be changed, left out or added.
+    The same call goes on: after Ctrl-C or SIGTERM where it stopped, after a crash from the last
+    checkpoint. A stage that has ended is not trained again; stages that have not begun may be
+    changed, left out or added. Their environments are made before any of them is trained, so that
+    what does not fit is told at once.
 
     The folder gets ``curriculum.yml``, each stage with all its settings, and the seed; and
     ``<n>_<name>/``, the run of stage n, with the stage's evaluations in ``evaluations.json`` and,
     once it has ended, after how many steps and why in ``result.json``.
 
     Args:
-        curriculum: The stages. The environments of those that have not begun are made before any of
-            them is trained, so that what does not fit is told at once.
+        curriculum: The stages.
         folder: The curriculum's folder, new, empty or one to go on in; by default
             ``<runs_dir>/curricula/<name>``.
         runs_dir: Where runs are kept.
@@ -75,13 +75,15 @@ def run_curriculum(
         curriculum = dataclasses.replace(curriculum, seed=seed)
     place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)
     shared_folder(folder or place)
-    expected = "one process in a folder. Wait for its end or stop it; then go on with: "
     curriculum, begun = _with_seed(place, curriculum)
-    jobs = _jobs(place, curriculum, progress_bar=progress_bar, checkpoint_every=checkpoint_every)
+    jobs = curriculum_jobs(
+        place, curriculum, progress_bar=progress_bar, checkpoint_every=checkpoint_every
+    )
     for job in jobs[:begun]:
         job.begin()
     check_fit(curriculum, begun)
     busy = f"The curriculum in '{place}' is being trained"
+    expected = "one process in a folder. Wait for its end or stop it; then go on with: "
     with hold(place / LOCK_SUFFIX, busy, expected + go_on(place)):
         try:
             write_yaml(place / CURRICULUM_FILE, curriculum.to_mapping())
@@ -94,49 +96,35 @@ def run_curriculum(
     return result
 
 
-def curriculum_status(folder: str | os.PathLike[str]) -> list[Outcome]:
-    """Return how far each stage of a curriculum is, also while it is trained."""
-    return status(_jobs(Path(folder), load_curriculum(folder)))
-
-
-def _jobs(place: Path, curriculum: Curriculum, **options: Any) -> list[TrainingJob]:
-    """Return a job for each stage; it needs the one before.
-
-    Raises:
-        ConfigError: If a setting is not valid.
-    """
+def curriculum_jobs(place: Path, curriculum: Curriculum, **options: Any) -> list[TrainingJob]:
+    """Return a job for each stage; it needs the one before."""
     jobs: list[TrainingJob] = []
-    shared = {"algo": curriculum.algo, "seed": curriculum.seed, "init_from": curriculum.init_from}
+    shared = {name: getattr(curriculum, name) for name in ("algo", "seed", "init_from")}
     shared = {name: value for name, value in shared.items() if value is not None}
     start = curriculum.init_from
     for name, stage in zip(curriculum.run_names, curriculum.stages, strict=True):
-        with _of_stage(len(jobs) + 1):
+        with naming(f"Stage {len(jobs) + 1}", SB3PianoError):
             config = dataclasses.replace(stage.run_config(curriculum.algo), seed=curriculum.seed)
         if start is not None:
             plugin = start_plugin(start, stage.with_buffer, stage.with_entropy)
             config = dataclasses.replace(config, callback=(*config.callback, plugin))
-        jobs.append(
-            training(
-                name,
-                place / name,
-                config,
-                episodes=0,
-                until=stage.until,
-                settings=shared | stage.to_mapping(),
-                needs=[job.name for job in jobs[-1:]],
-                **options,
-            )
+        job = TrainingJob(
+            name=name,
+            folder=place / name,
+            config=config,
+            episodes=0,
+            until=stage.until,
+            settings=shared | stage.to_mapping(),
+            needs=tuple(job.name for job in jobs[-1:]),
+            **options,
         )
+        jobs.append(job)
         start = str(place / name)
     return jobs
 
 
 def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
-    """Return a curriculum with the seed of its folder, and how many stages have begun there.
-
-    Raises:
-        RunError: If something else is in the folder, or other stages have begun.
-    """
+    """Return a curriculum with the seed of its folder, and how many stages have begun there."""
     file = place / CURRICULUM_FILE
     if (place / _FORMER).is_file():
         raise RunError(
@@ -173,31 +161,22 @@ def check_fit(curriculum: Curriculum, begun: int = 0) -> None:
     before: dict[str, Any] = {}
     stages = list(enumerate(curriculum.stages, start=1))
     for number, stage in stages[max(begun - 1, 0) :] if begun < len(stages) else ():
-        with _of_stage(number):
+        with naming(f"Stage {number}", SB3PianoError):
             config = stage.run_config(curriculum.algo)
             with contextlib.closing(config.env.make()) as env:
                 ours = {n: getattr(env, n) for n in ("observation_space", "action_space")}
             ours["normalize"] = config.normalize is not False
             sizes = {n: {**config.algorithm_kwargs, "n_envs": config.n_envs}.get(n) for n in _SIZES}
-            for name in (*ours, *(sizes if stage.with_buffer else ())):
-                theirs, value = before.get(name), {**ours, **sizes}[name]
-                if before and theirs != value:
-                    alike = "of the same wrappers and an observation that does not go by the piece"
-                    cure = "or no with_buffer" if name in sizes else f"{alike}, such as 'roll'"
+            now = {**ours, **sizes}
+            compared = now if stage.with_buffer else ours
+            for name in compared if before else ():
+                if before[name] != now[name]:
                     raise ConfigError(
-                        f"Its {name} is {value}, that of the stage before {theirs}: expected equal "
-                        f"ones, {cure}."
+                        f"Its {name} is {now[name]}, that of the stage before {before[name]}: "
+                        "expected equal ones, of the same wrappers and an observation that does "
+                        "not go by the piece, such as 'roll'; for sizes, or no with_buffer."
                     )
-            before = {**ours, **sizes}
-
-
-@contextlib.contextmanager
-def _of_stage(number: int) -> Iterator[None]:
-    """Tell the number of the stage in which something is wrong."""
-    try:
-        yield
-    except SB3PianoError as error:
-        raise ConfigError(f"Stage {number}: {error}") from error
+            before = now
 
 
 def go_on(place: Path) -> str:

@@ -18,7 +18,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.callbacks.condition import Condition
 from sb3_piano.envs import GENERAL_ID
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, naming
 from sb3_piano.hyperparams import NAMED
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music.catalogue import is_path
@@ -26,13 +26,13 @@ from sb3_piano.settings import Index, Listed, Share, TextOrPath, checked, refuse
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.names import algorithm_class
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.plugins import Plugin, with_arguments
 from sb3_piano.training.configuration.values import coerce_mapping, parameters_of, plain
-from sb3_piano.training.configuration.yaml_files import load_config, merged, read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import load_config, merged, parted
 from sb3_piano.training.runs.start import without_learnt_entropy
 
 CURRICULUM_FILE = "curriculum.yml"
-"""Name of the settings in a curriculum's folder."""
 
 CONDITIONS = tuple(
     name
@@ -53,10 +53,9 @@ def _condition(value: Any) -> Any:
     """Return the condition that ``until`` has in YAML: ``{onset_f1: 0.8, patience: 2}``."""
     if value is None or isinstance(value, Condition):
         return value
-    entries = coerce_mapping(value, "until")
-    refuse_unknown(entries, (*CONDITIONS, *_OTHERS), "key", "until")
-    others = {name: entries.pop(name) for name in _OTHERS if name in entries}
-    least = {name: checked(f"until.{name}", value, Share) for name, value in entries.items()}
+    others, least = parted(coerce_mapping(value, "until"), _OTHERS)
+    refuse_unknown(least, (*CONDITIONS, *_OTHERS), "key", "until")
+    least = {name: checked(f"until.{name}", value, Share) for name, value in least.items()}
     return Condition(thresholds=least, **others)
 
 
@@ -88,11 +87,7 @@ _Located = Annotated[TextOrPath, AfterValidator(_absolute)]
 
 @settings
 class Stage:
-    """A stage: what is played, with which settings, and when it ends.
-
-    Raises:
-        ConfigError: If not exactly one of ``piece``, ``pieces`` and ``env`` is given.
-    """
+    """A stage: what is played (``piece``, ``pieces`` or ``env``), how, and when it ends."""
 
     piece: _Located | None = None
     """A piece's name or file, which ``RoboPianist-v0`` plays."""
@@ -126,7 +121,7 @@ class Stage:
 
     @property
     def label(self) -> str:
-        """Name of the stage, in characters that suit a folder."""
+        """Name in characters that suit a folder."""
         several = self.pieces[0] if len(self.pieces) == 1 else f"{len(self.pieces)}-pieces"
         played = Path(self.piece).stem if self.piece and is_path(self.piece) else self.piece
         return re.sub(r"[^\w.-]+", "-", self.name or played or self.env or several)
@@ -134,22 +129,17 @@ class Stage:
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
         """Return the stage that YAML has, with its ``settings`` one by one."""
-        own = {name: value for name, value in mapping.items() if name in _OF_STAGES}
-        rest = {name: value for name, value in mapping.items() if name not in _OF_STAGES}
+        own, rest = parted(mapping, _OF_STAGES)
         return cls(**own, settings=rest)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the stage as YAML has it."""
-        own = {name: getattr(self, name) for name in _OF_STAGES if name != "until"}
-        own = {name: value for name, value in own.items() if value != getattr(Stage, name)}
+        changed = [n for n in _OF_STAGES if getattr(self, n) != getattr(Stage, n)]
+        own = {name: getattr(self, name) for name in changed}
         return plain({**own, **self.settings, **_until(self.until)}, "stage")
 
     def run_config(self, algo: str) -> RunConfig:
-        """Return the settings of its run, without seed and start.
-
-        Raises:
-            ConfigError: If one is not valid.
-        """
+        """Return the settings of its run, without seed and start."""
         own = {} if self.piece is None else {"env_kwargs": {"score": self.piece}}
         overrides = merged(self.settings, own)
         if self.pieces:
@@ -165,11 +155,7 @@ _OF_STAGES = tuple(f.name for f in dataclasses.fields(Stage) if f.name != "setti
 
 @settings
 class Curriculum:
-    """A curriculum: stages, each of which starts from what the one before has learnt.
-
-    Raises:
-        ConfigError: If a setting is unknown, has the wrong type or is out of range.
-    """
+    """A curriculum: stages, each of which starts from what the one before has learnt."""
 
     algo: str
     """Name of the algorithm, one of :data:`~sb3_piano.training.configuration.names.ALGORITHMS`."""
@@ -205,17 +191,13 @@ class Curriculum:
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[Any, Any]) -> Self:
-        """Return the curriculum that YAML has: settings that hold for all stages, and the stages.
+        """Return the curriculum that YAML has.
 
         It has fields of this class; the keys of :class:`Stage` that hold for all stages, its
         ``settings`` one by one; and ``stages``, a list of mappings of such keys.
-
-        Raises:
-            ConfigError: If a setting is unknown, has the wrong type or is out of range.
         """
         names = [f.name for f in dataclasses.fields(cls)]
-        own = {name: value for name, value in mapping.items() if name in names}
-        common = {name: value for name, value in mapping.items() if name not in names}
+        own, common = parted(mapping, names)
         stages = own.get("stages")
         if not isinstance(stages, list) or not stages:
             raise ConfigError(f"stages is {stages!r}: expected a list of stages, as [{_EXAMPLE}].")
@@ -225,20 +207,16 @@ class Curriculum:
         refuse_unknown(common, [*names, *known], "key", "a curriculum")
         made = []
         for number, entry in enumerate(stages, start=1):
-            try:
+            with naming(f"Stage {number}"):
                 if not isinstance(entry, Mapping):
                     raise ConfigError(f"It is {entry!r}: expected a mapping, as {_EXAMPLE}.")
                 unfit = _PLAYED if any(name in entry for name in _PLAYED) else ()
-                shared = {name: value for name, value in common.items() if name not in unfit}
-                made.append(Stage.from_mapping(merged(shared, entry)))
-            except ConfigError as error:
-                raise ConfigError(f"Stage {number}: {error}") from error
+                made.append(Stage.from_mapping(merged(parted(common, unfit)[1], entry)))
         return cls(**{**own, "stages": tuple(made)})
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the curriculum in YAML's types, each stage with all its settings."""
-        own = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        own["stages"] = [stage.to_mapping() for stage in self.stages]
+        own = {**vars(self), "stages": [stage.to_mapping() for stage in self.stages]}
         return {name: value for name, value in own.items() if value is not None}
 
 
@@ -248,26 +226,21 @@ def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
     Paths of files that are not absolute begin at the folder of the YAML file.
 
     Raises:
-        ConfigError: If the file cannot be read, or a setting is unknown, has the wrong type or is
-            out of range.
+        ConfigError: If the file cannot be read, or a setting is not valid.
     """
     file = Path(path, CURRICULUM_FILE) if os.path.isdir(path) else Path(path)
     mapping = {"name": file.stem, **read_yaml_mapping(file)}
     token = _folder.set(str(file.parent))
     try:
-        return Curriculum.from_mapping(mapping)
-    except ConfigError as error:
-        raise ConfigError(f"'{file}': {error}") from error
+        with naming(f"'{file}'"):
+            curriculum = Curriculum.from_mapping(mapping)
     finally:
         _folder.reset(token)
+    return curriculum
 
 
 def _with_evaluation(config: RunConfig, until: Condition) -> RunConfig:
-    """Return the settings of a run with the evaluations that a condition goes by.
-
-    Raises:
-        ConfigError: If so few are made that it can never be met.
-    """
+    """Return the settings of a run with the evaluations that a condition goes by."""
     plugins = config.callback
     if not any(plugin.is_a(MetricEvalCallback) for plugin in plugins):
         kind = OnsetF1Callback if OnsetF1Callback.metric in until.thresholds else F1Callback

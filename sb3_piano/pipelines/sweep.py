@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 import re
@@ -13,19 +14,20 @@ from typing import Annotated, Any
 
 from annotated_types import MinLen
 
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import ConfigError, RunError, naming
 from sb3_piano.files import load_yaml, write_csv, write_yaml
 from sb3_piano.hyperparams import DEFAULT_ALGORITHM
-from sb3_piano.jobs import Outcome, Resources, status
+from sb3_piano.jobs import Outcome, Resources
 from sb3_piano.jobs.folders import is_empty, shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import select_pieces
 from sb3_piano.music.catalogue import is_path
-from sb3_piano.pipelines.training import Trained, TrainingJob, train_all, training
+from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
 from sb3_piano.registration import GENERAL_ID
-from sb3_piano.settings import Count, Index, Listed, settings
+from sb3_piano.settings import Count, Index, Listed, Nested, settings
 from sb3_piano.training import RunConfig, load_config
-from sb3_piano.training.configuration.yaml_files import merged, read_yaml_mapping
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import merged
 
 RESULTS = "results.csv"
 
@@ -35,11 +37,7 @@ _FORMER = "sweep.yml"
 
 @settings
 class SweepConfig:
-    """All settings of a sweep: its cells are every algorithm with every piece in every variant.
-
-    Raises:
-        ConfigError: If a setting is unknown, has the wrong type or is out of range.
-    """
+    """All settings of a sweep: its cells are every algorithm with every piece in every variant."""
 
     algos: Annotated[tuple[str, ...], Listed, MinLen(1)] = (DEFAULT_ALGORITHM,)
     """Names of algorithms."""
@@ -61,11 +59,10 @@ class SweepConfig:
     """Episodes that each model plays when it is trained."""
     checkpoint_every: Count = 10_000
     """Environment steps between two checkpoints: what is lost at most when a process dies."""
-    resources: Mapping[str, Any] = field(default_factory=dict)
+    resources: Nested[Resources] = Resources()
     """What a run needs on a cluster: fields of :class:`~sb3_piano.jobs.Resources`."""
 
     def __post_init__(self) -> None:
-        Resources(**self.resources)
         if not (self.pieces or self.envs):
             raise ConfigError("A sweep has neither pieces nor envs: expected at least one.")
 
@@ -90,20 +87,18 @@ class SweepConfig:
                     f"Two cells of the sweep are called {name!r} with seed {seed}: expected "
                     "algorithms, pieces, variants and seeds that differ."
                 )
-            try:
+            with naming(f"Cell {name!r} of the sweep"):
                 given = merged(self.settings, changed)
                 given = merged(given, {"env_kwargs": options, "seed": seed})
                 found[name, seed] = load_config(algo, env_id, given.pop("config", None), **given)
-            except ConfigError as error:
-                raise ConfigError(f"Cell {name!r} of the sweep: {error}") from error
         return found
 
     def jobs(self, place: Path) -> list[TrainingJob]:
         """Return the runs as jobs in the sweep's folder."""
-        every = self.checkpoint_every
+        options: Any = {"episodes": self.episodes, "checkpoint_every": self.checkpoint_every}
         names = {f"{cell}/seed_{seed}": run for (cell, seed), run in self.runs().items()}
         return [
-            training(name, place / name, run, episodes=self.episodes, checkpoint_every=every)
+            TrainingJob(name=name, folder=place / name, config=run, **options)
             for name, run in names.items()
         ]
 
@@ -115,10 +110,9 @@ def load_sweep(file: str | os.PathLike[str]) -> SweepConfig:
         ConfigError: If it cannot be read or a setting is not valid; the message names the file.
     """
     content = read_yaml_mapping(Path(file))
-    try:
-        return SweepConfig(**content)
-    except ConfigError as error:
-        raise ConfigError(f"'{file}': {error}") from error
+    with naming(f"'{file}'"):
+        config = SweepConfig(**content)
+    return config
 
 
 def sweep(
@@ -133,15 +127,15 @@ def sweep(
     """Train and evaluate every run of a grid, or go on with what is left of one.
 
     The folder gets a run's folder ``<cell>/seed_<n>`` for each, and ``results.csv``, a line of
-    each. A run that is finished is left as it is, one that stopped goes on from its last
-    checkpoint, and one that fails does not stop the others. Ctrl-C ends it; the same call goes on.
+    each. What becomes of runs that are done, had stopped or fail, and what ``executor``,
+    ``workers`` and ``ray`` mean, says :func:`~sb3_piano.jobs.finish`. Ctrl-C ends it; the same call
+    goes on.
 
     Args:
         config: The grid.
         folder: The sweep's folder, new, empty or that of a sweep of the same settings; cells and
             seeds may have been added.
-        executor: Where the runs are trained; by default what ``workers`` and ``ray`` say, see
-            :func:`~sb3_piano.jobs.open_executor`.
+        executor: Where the runs are trained.
         workers: Processes on this machine.
         ray: Address of a cluster of Ray, all of whose nodes see the folder.
         on_result: Is called with each run that came to an end, and how many of how many did.
@@ -158,30 +152,18 @@ def sweep(
         former = place / _FORMER
         noted = (load_yaml(former.read_text("utf-8")) or {}) if former.is_file() else {}
         for job in jobs:  # which a former version may have begun
-            if job.name in noted and job.folder.is_dir() and not job.settings_file.is_file():
+            if job.name in noted and job.folder.is_dir() and not job.has_begun():
                 write_yaml(job.settings_file, noted[job.name])
         if not (former.is_file() or (place / RESULTS).is_file() or is_empty(place)):
             raise RunError(
                 f"Folder '{place}' is not empty and no sweep: expected a new or empty one."
             )
-        return train_all(
-            place,
-            jobs,
-            on_result,
-            lambda runs: write_results(place, runs),
-            executor=executor,
-            workers=workers,
-            ray=ray,
-            resources=Resources(**config.resources),
-        )
+        where = {"executor": executor, "workers": workers, "ray": ray}
+        note = functools.partial(_write_results, place)
+        return train_all(place, jobs, on_result, note, resources=config.resources, **where)
 
 
-def sweep_status(config: SweepConfig, folder: str | os.PathLike[str]) -> list[Outcome]:
-    """Return how far each run of a sweep is, also while it is running."""
-    return status(config.jobs(shared_folder(folder)))
-
-
-def write_results(place: Path, runs: Sequence[Outcome]) -> None:
+def _write_results(place: Path, runs: Sequence[Outcome]) -> None:
     """Write a line of each run: what it is called, how far it is, and its metrics."""
     rows: list[dict[str, Any]] = []
     names: dict[str, Any] = {}

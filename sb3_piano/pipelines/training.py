@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,6 +18,7 @@ from sb3_piano.callbacks.own_env import with_nested
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import read_json, write_json, write_yaml
 from sb3_piano.jobs import Job, Outcome, finish, status
+from sb3_piano.jobs.job import Work
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
 _ENDED = "ended.json"
@@ -35,26 +36,68 @@ class TrainingEvaluation:
     metrics: Mapping[str, float]
 
 
+def _train_and_evaluate(job: TrainingJob) -> Mapping[str, Any]:
+    run, (started_at, total) = RunFolder(job.folder), job.progress()
+    steps, over = started_at, {"num_timesteps": started_at, "n_timesteps": total}
+    if steps and job.is_met(job.evaluations(steps)):  # by a process that was killed before
+        saved = Checkpoint.read(run.checkpoint_dir)
+        assert saved is not None, "it has steps"
+        saved.copy_model(run.checkpoint_dir, run.model_file)
+    elif _read(job.folder / _ENDED) != over:
+        options = {name: getattr(job, name) for name in ("checkpoint_every", "progress_bar")}
+        steps = train_to_end(job.folder, job.config, [_EndWhenMet(job)], **options)
+        if steps < total:
+            write_json(job.folder / _ENDED, {**over, "num_timesteps": steps})
+    met = job.is_met(job.evaluations(steps))
+    ended_by = "condition" if met else "budget" if steps >= total else "callback"
+    ended = {"num_timesteps": steps, "started_at": started_at, "ended_by": ended_by}
+    if not job.episodes:
+        return ended
+    judged = evaluate(job.folder, job.episodes)
+    if judged.interrupted:
+        raise KeyboardInterrupt
+    return {**ended, "metrics": judged.mean}
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainingJob(Job):
-    """A run that is to be trained, in its own folder."""
+    """A run that is to be trained and evaluated.
+
+    Its result has ``num_timesteps``, ``started_at`` (what the last attempt began with),
+    ``ended_by`` (``budget``, ``condition`` or ``callback``) and ``metrics``, means over the
+    episodes that the trained model plays. By default its settings are the config's.
+    """
 
     kind: ClassVar[str] = "run"
 
+    work: Work = _train_and_evaluate
     config: RunConfig
-    """Its settings, with a seed."""
+    """Settings of the run, with a seed."""
     until: Condition | None = None
-    """Condition that ends it before all its steps."""
+    """Condition that ends it before all its steps; it goes by the config's callbacks."""
+    episodes: int = 1
+    """Episodes of each of its pieces that the trained model plays; 0 for no evaluation."""
+    checkpoint_every: int = DEFAULT_EVERY
+    """Environment steps between two checkpoints."""
+    progress_bar: bool = False
+    """Whether to show a bar of the steps."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "folder", Path(self.folder).absolute())
+        if not self.settings:
+            object.__setattr__(self, "settings", self.config.to_mapping())
 
     def begin(self) -> None:
         """Note the settings in a new folder, or compare them; see :meth:`Job.begin`."""
-        if RunFolder(self.folder).has_begun and not self.settings_file.is_file():
+        if RunFolder(self.folder).has_begun and not self.has_begun():
             write_yaml(self.settings_file, self.settings)  # by an older version, which noted none
         super().begin()
 
     def progress(self) -> tuple[int, int]:
         """Return how many environment steps are done, and how many were asked for."""
-        return steps_of(self.folder), self.config.n_timesteps
+        # The file alone: those that it names may just be replaced, by who trains.
+        saved = _read(RunFolder(self.folder).checkpoint_dir / CHECKPOINT_FILE)
+        return int(saved.get("num_timesteps", 0)), self.config.n_timesteps
 
     def evaluations(self, until: int | None = None) -> tuple[TrainingEvaluation, ...]:
         """Return the evaluations in its training, of its first ``until`` steps or all.
@@ -67,7 +110,7 @@ class TrainingJob(Job):
         found = (read_json(self.folder / _EVALUATIONS, kind, again) or {}).get("evaluations", ())
         return tuple(one for one in found if until is None or one.num_timesteps <= until)
 
-    def is_met(self, evaluations: Iterable[TrainingEvaluation]) -> bool:
+    def is_met(self, evaluations: Sequence[TrainingEvaluation]) -> bool:
         """Return whether evaluations meet its condition."""
         return self.until is not None and self.until.is_met([one.metrics for one in evaluations])
 
@@ -106,84 +149,13 @@ def train_all(
         on_result(outcome, done, total)
 
     note(known)
-    interrupted = False
+    interrupted, had_finished = False, all(one.result is not None for one in known)
     try:
         finish(jobs, known=known, on_outcome=tell, **options)
     except KeyboardInterrupt:
         interrupted = True
-    return Trained(
-        folder=folder,
-        runs=tuple(runs.values()),
-        interrupted=interrupted,
-        had_finished=all(one.result is not None for one in known),
-    )
-
-
-def training(
-    name: str,
-    folder: str | os.PathLike[str],
-    config: RunConfig,
-    *,
-    episodes: int = 1,
-    until: Condition | None = None,
-    checkpoint_every: int = DEFAULT_EVERY,
-    progress_bar: bool = False,
-    settings: Mapping[str, Any] | None = None,
-    needs: Sequence[str] = (),
-) -> TrainingJob:
-    """Return the job of a run that is to be trained and evaluated.
-
-    Its result has ``num_timesteps``, ``started_at`` (what the last attempt began with),
-    ``ended_by`` (``budget``, ``condition`` or ``callback``) and ``metrics``, means over the
-    episodes that the trained model plays.
-
-    Args:
-        name: What it is called.
-        folder: The run's folder.
-        config: The run's settings, with a seed.
-        episodes: Episodes of each of its pieces that the trained model plays.
-        until: Condition that ends it before all its steps; evaluations are those of the config's
-            callbacks.
-        checkpoint_every: Environment steps between two checkpoints.
-        progress_bar: Whether to show a bar of the steps.
-        settings: What the folder notes of the job; by default the run's settings.
-        needs: Names of the jobs that have to be done before, such as of the run it starts from.
-    """
-    options = {"checkpoint_every": checkpoint_every, "progress_bar": progress_bar}
-    return TrainingJob(
-        name=name,
-        folder=Path(folder).absolute(),
-        work=_train_and_evaluate,
-        settings=config.to_mapping() if settings is None else settings,
-        needs=tuple(needs),
-        options={"episodes": episodes, **options},
-        config=config,
-        until=until,
-    )
-
-
-def _train_and_evaluate(job: TrainingJob) -> Mapping[str, Any]:
-    options = dict(job.options)
-    episodes, total = options.pop("episodes"), job.config.n_timesteps
-    started_at = steps = steps_of(job.folder)
-    over = {"num_timesteps": steps, "n_timesteps": total}
-    if steps and job.is_met(job.evaluations(steps)):  # by a process that was killed before
-        saved = Checkpoint.read(RunFolder(job.folder).checkpoint_dir)
-        assert saved is not None, "it has steps"
-        saved.copy_model(job.folder / "checkpoint", RunFolder(job.folder).model_file)
-    elif _read(job.folder / _ENDED) != over:
-        steps = train_to_end(job.folder, job.config, [_EndWhenMet(job)], **options)
-        if steps < total:
-            write_json(job.folder / _ENDED, {"num_timesteps": steps, "n_timesteps": total})
-    met = job.is_met(job.evaluations(steps))
-    ended_by = "condition" if met else "budget" if steps >= total else "callback"
-    ended = {"num_timesteps": steps, "started_at": started_at, "ended_by": ended_by}
-    if not episodes:
-        return ended
-    judged = evaluate(job.folder, episodes)
-    if judged.interrupted:
-        raise KeyboardInterrupt
-    return {**ended, "metrics": judged.mean}
+    found = tuple(runs.values())
+    return Trained(folder=folder, runs=found, interrupted=interrupted, had_finished=had_finished)
 
 
 def train_to_end(
@@ -204,10 +176,7 @@ def train_to_end(
 
 
 class _EndWhenMet(BaseCallback):
-    """Keep a training's evaluations in its folder; end it once they meet the job's condition.
-
-    They are those of the training's :class:`~sb3_piano.callbacks.MetricEvalCallback`.
-    """
+    """Keep the evaluations of a training's callbacks; end it once they meet its condition."""
 
     def __init__(self, job: TrainingJob) -> None:
         super().__init__()
@@ -222,12 +191,12 @@ class _EndWhenMet(BaseCallback):
 
     def _on_step(self) -> bool:
         last = self._evaluations[-1].num_timesteps if self._evaluations else -1
-        found: dict[int, dict[str, float]] = {}
+        found: dict[int, dict[str, float]] = defaultdict(dict)
         for callback in with_nested([self.locals["callback"]]):
             if isinstance(callback, MetricEvalCallback):
                 for number, steps in enumerate(callback.evaluated_at):
                     if steps > last:
-                        found.setdefault(steps, {}).update(callback.means(number))
+                        found[steps] |= callback.means(number)
         for steps, metrics in sorted(found.items()):
             for name in self._job.until.thresholds if self._job.until is not None else ():
                 if name not in metrics:
@@ -243,12 +212,6 @@ class _EndWhenMet(BaseCallback):
     def _keep(self) -> None:
         noted = {"evaluations": list(map(dataclasses.asdict, self._evaluations))}
         write_json(self._job.folder / _EVALUATIONS, noted)
-
-
-def steps_of(folder: Path) -> int:
-    """Return the environment steps that a run's last checkpoint has done; 0 without one."""
-    # The file alone: those that it names may just be replaced, by who trains.
-    return int(_read(RunFolder(folder).checkpoint_dir / CHECKPOINT_FILE).get("num_timesteps", 0))
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -9,13 +9,17 @@ from typing import NamedTuple
 import numpy as np
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.jobs.starting import may_start_processes
 from sb3_piano.music.constants import THUMB
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
 from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.planning.side_by_side import Talk, in_turns, in_two_processes
+from sb3_piano.planning.side_by_side import (
+    Talk,
+    in_turns,
+    in_two_processes,
+    may_start_processes,
+)
 from sb3_piano.planning.tracking_control import TrackingControl
 from sb3_piano.reading.key_frames import KeyFrames
 from sb3_piano.reading.piece import bounds_of

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
+import sys
 from collections.abc import Callable, Generator, Sequence
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, TypeVar
 
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.jobs.starting import process_context
+from sb3_piano.threads import usable_cores
 
 M = TypeVar("M")
 P = TypeVar("P")
@@ -53,6 +57,19 @@ def in_two_processes(start: Callable[[P], Talk[M, R]], one: P, other: P) -> list
         ours.close()
         process.terminate()
         process.join()
+
+
+def may_start_processes() -> bool:
+    """Return whether there is a core for another process, and starting one disturbs nobody.
+
+    Each process imports the main module again. A module that runs with ``-m`` and an installed
+    command can bear that; a script may lack its guard (``if __name__ == "__main__":``), and would
+    do its work twice.
+    """
+    main = sys.modules["__main__"]
+    is_script = main.__spec__ is None and Path(getattr(main, "__file__", "")).suffix == ".py"
+    is_free = not multiprocessing.current_process().daemon
+    return is_free and not is_script and usable_cores() > 1
 
 
 def _do_other(connection: Connection, start: Callable[[P], Talk[Any, Any]], part: P) -> None:

@@ -18,7 +18,7 @@ import safetensors.numpy
 from sb3_piano.array_files import in_order, read_shapes
 from sb3_piano.arrays import Float32Array
 from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.hand_encoding import CLIP, HandEncoding
+from sb3_piano.envs.hand_encoding import CLIP, HANDS_VERSION, HandEncoding
 from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.files import write_bytes
@@ -85,6 +85,8 @@ class HandFacts:
     """Sizes of the blocks of a hand's half of the observation "hands", by name."""
     actions: Count
     """Actuators of a hand."""
+    observation_version: Count = 1
+    """Version of that observation; files from before there was one do not have it."""
     num_timesteps: Index = 0
     """Environment steps of its training."""
     about: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -229,6 +231,7 @@ class HandModel:
 
 
 _FACTS = {
+    "observation_version": 'a version of the observation "hands" of',
     "control_timestep": "a control step, in s, of",
     "actions": "a number of actuators of a hand of",
     "blocks": "an observation of a hand of",
@@ -241,10 +244,10 @@ _EPSILON = np.float32(1e-5)  # torch.nn.LayerNorm's
 
 def _of_piano(piano: PianoEnv) -> dict[str, Any]:
     """Return what a network must have been trained for to play here."""
-    timestep = piano.config.control_timestep
-    layout = HandEncoding(piano.scene, timestep).layout
+    layout = HandEncoding(piano.scene, piano.config).layout
     return {
-        "control_timestep": timestep,
+        "observation_version": HANDS_VERSION,
+        "control_timestep": piano.config.control_timestep,
         "actions": len(piano.scene.ctrl_low) // len(piano.scene.sides),
         "blocks": _blocks_of_hand(layout, f"{piano.scene.sides[0]}_"),
     }

@@ -91,7 +91,7 @@ class SightReader(PianoPolicy):
         if known is not None and known.scene is piano.scene:  # otherwise other keys are rigid now
             encoding = known.encoding
         else:
-            encoding = HandEncoding(piano.scene, piano.config.control_timestep)
+            encoding = HandEncoding(piano.scene, piano.config)
         roll = piano.goal.fingered_roll
         problems = unheld(encoding.read(roll).roll)
         if piano.config.observation == "hands":  # the environment has told of those without finger

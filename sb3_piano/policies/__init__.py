@@ -13,7 +13,8 @@ from sb3_piano.policies.simba import RSNorm as RSNorm
 from sb3_piano.policies.simba import SimbaSACPolicy
 from sb3_piano.policies.simba import SimbaTD3Policy as SimbaTD3Policy
 from sb3_piano.policies.simba import SimbaTQCPolicy as SimbaTQCPolicy
-from sb3_piano.policies.sparing import sparing_updates
+from sb3_piano.policies.sparing import fast_updates
+from sb3_piano.policies.sparing import sparing_updates as sparing_updates
 
 __all__ = [
     "EncoderSACPolicy",
@@ -23,5 +24,5 @@ __all__ = [
     "RegularizedSACPolicy",
     "RegularizedTD3Policy",
     "SimbaSACPolicy",
-    "sparing_updates",
+    "fast_updates",
 ]

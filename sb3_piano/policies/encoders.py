@@ -26,7 +26,7 @@ from sb3_piano.policies.regularized import (
 from sb3_piano.settings import Count, Share, Unit, checked
 
 POOLED_STEPS = 10
-"""Control steps that a convolution makes one of: its "kernel size = stride = 10"."""
+"""Control steps per convolution output: "kernel size = stride = 10" in the report."""
 
 _MAX_TOKENS = 512  # BERT's
 
@@ -36,16 +36,16 @@ EncoderName = Literal["mlp", "conv", "transformer"]
 
 
 class FlatEncoder(nn.Module):
-    """Goal, finger labels and state in a row: the input of the paper's MLP.
+    """Concatenate goal, finger labels and state: the input of the paper's MLP.
 
     Args:
         layout: Layout of the observation, with a block ``goal``. Finger labels are the block
             ``lookahead_fingering`` or, without one, ``fingering``, which is its first row.
-        n_actions: Numbers that come after the observation, a critic's action: part of the state.
+        n_actions: Size of a critic's action, appended to the observation: part of the state.
     """
 
     outputs: int
-    """Numbers that come out."""
+    """Number of features."""
 
     def __init__(self, layout: ObservationLayout, n_actions: int) -> None:
         super().__init__()
@@ -69,16 +69,16 @@ class FlatEncoder(nn.Module):
 
 
 class ConvEncoder(FlatEncoder):
-    """Goal, finger labels and state, what is due later convolved, ten steps at a time.
+    """Convolve the goal of later steps, ten at a time; append it to goal, labels and state.
 
     Args:
         layout: As of :class:`FlatEncoder`. The goal, and labels of more than one row, look ahead a
             multiple of ten control steps.
         n_actions: As there.
-        width: Numbers that a convolution makes of ten rows; by default as many as a row has.
+        width: Outputs of a convolution of ten rows; by default as many as a row has.
 
     Raises:
-        ConfigError: If they look ahead otherwise.
+        ConfigError: If the lookahead is no such multiple.
     """
 
     def __init__(self, layout: ObservationLayout, n_actions: int, width: int | None = None) -> None:
@@ -107,13 +107,13 @@ class ConvEncoder(FlatEncoder):
         return torch.cat([*(roll[:, 0] for roll in rolls), *later, state], dim=1)
 
     def _pool(self, rolls: list[Tensor]) -> list[Tensor]:
-        """Return what convolutions make of rows after the first, (batch, rows / 10, width)."""
+        """Convolve the rows after the first: (batch, rows / 10, width)."""
         pairs = zip(self.convolutions, self._ahead, strict=True)
         return [convolution(rolls[index][:, 1:].mT).mT for convolution, index in pairs]
 
 
 class _FirstToken(nn.TransformerEncoderLayer):
-    """A layer that computes its first token alone: all that is read of a transformer's last."""
+    """Transformer layer that computes its first token alone."""
 
     def forward(self, src: Tensor, *args: Any, **kwargs: Any) -> Tensor:
         """Return the first token, (batch, 1, width), of tokens (batch, tokens, width)."""
@@ -124,7 +124,7 @@ class _FirstToken(nn.TransformerEncoderLayer):
 
 
 class TransformerEncoder(ConvEncoder):
-    """A transformer's output at the first of its tokens.
+    """Return a transformer's output at its first token.
 
     The tokens are what is due now, what is due later (one for ten control steps) and the state;
     embeddings of goal and labels are added.
@@ -180,7 +180,7 @@ class TransformerEncoder(ConvEncoder):
 
 
 class _Encoders(OwnActor, RegularizedCritics):
-    """Policies whose actor and critics encode the observation themselves."""
+    """Mixin of policies whose actor and critics each have an encoder."""
 
     net_arch: Any
 

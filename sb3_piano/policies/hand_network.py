@@ -1,8 +1,8 @@
-"""One hand's network, which a policy uses for every hand, and its weights.
+"""The network of one hand, shared by all hands of a policy, and its weights.
 
-The weights do not depend on how many hands there are, nor on the algorithm: :func:`hand_weights`
-and :func:`load_hand_weights` move them from any policy of :mod:`sb3_piano.policies.hands` to any
-other, and all of them then act alike when they do not explore.
+The weights depend neither on the number of hands nor on the algorithm: :func:`hand_weights` and
+:func:`load_hand_weights` move them between any policies of :mod:`sb3_piano.policies.hands`, whose
+deterministic actions are then equal.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from sb3_piano.exceptions import ConfigError
 
 
 class PerHand(nn.Module):
-    """A module applied to each hand's block, the results in one row again.
+    """Apply a module to each hand's block, and concatenate the results.
 
     Args:
-        module: What is applied to blocks, of shape (..., hands, size).
+        module: Module for blocks of shape (..., hands, size).
         size: Numbers of a block.
     """
 
@@ -42,7 +42,7 @@ class PerHand(nn.Module):
 
 
 class Standardize(BaseFeaturesExtractor):
-    """Observations with each hand's block standardised, by fixed numbers, and clipped.
+    """Standardise and clip each hand's block by fixed numbers.
 
     Args:
         observation_space: Flat observations.
@@ -65,10 +65,10 @@ class Standardize(BaseFeaturesExtractor):
 
 
 class HandNetwork(nn.Module):
-    """Hidden layers for one hand, each normalised, their output joined to their input.
+    """Hidden layers of one hand, each normalised; the output includes the input.
 
-    The input goes on beside what the hidden layers make of it, so that what is linear in the
-    observation need not be learnt through them.
+    The output has the input appended, so that linear parts of the observation need not pass through
+    the hidden layers.
 
     Args:
         inputs: Numbers of a hand's observation.
@@ -101,7 +101,7 @@ class HandNetwork(nn.Module):
 
 
 class HandHead(nn.Linear):
-    """Last layer of a hand's network; its outputs are near 0 at first."""
+    """Last layer of a hand's network, initialised with outputs near 0."""
 
     def reset_parameters(self) -> None:
         """Draw small weights."""
@@ -110,7 +110,7 @@ class HandHead(nn.Linear):
 
 
 class ConstantLogStd(nn.Module):
-    """Log standard deviations which do not depend on the state, the same for each hand.
+    """Log standard deviations independent of the state, equal for all hands.
 
     Args:
         actions: Actions of a hand.
@@ -124,7 +124,7 @@ class ConstantLogStd(nn.Module):
         self._n_hands = n_hands
 
     def forward(self, latent: Tensor) -> Tensor:
-        """Return them for each row of a latent, of shape (batch, hands * actions)."""
+        """Return log standard deviations of shape (batch, hands * actions)."""
         return self.values.repeat(self._n_hands).expand(*latent.shape[:-1], -1)
 
 
@@ -152,7 +152,7 @@ def hand_weights(policy: BasePolicy) -> dict[str, Tensor]:
 
 
 def load_hand_weights(policy: BasePolicy, tensors: Mapping[str, Tensor]) -> None:
-    """Give a policy, its target networks included, the weights of one hand's network.
+    """Load one hand's weights into a policy, target networks included.
 
     Exploration and critics stay as they are, but critics see what the new standardisation makes of
     observations.
@@ -185,7 +185,7 @@ def load_hand_weights(policy: BasePolicy, tensors: Mapping[str, Tensor]) -> None
 
 
 def set_standardization(policy: BasePolicy, mean: ArrayLike, std: ArrayLike) -> None:
-    """Set what a policy's observations are standardised with.
+    """Set the statistics that standardise a policy's observations.
 
     Args:
         policy: One of :mod:`sb3_piano.policies.hands`.

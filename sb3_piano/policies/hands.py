@@ -16,6 +16,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from torch import nn
 
+from sb3_piano.envs.observation import ObservationSpace
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies.hand_network import (
     ConstantLogStd,
@@ -29,7 +30,7 @@ from sb3_piano.settings import Count, Index, Positive, checked
 
 
 class _Hands(BasePolicy):
-    """Policies whose actor is one hand's network, used for each hand."""
+    """Mixin of policies whose actor applies one hand's network to each hand."""
 
     net_arch: Any
     activation_fn: type[nn.Module]
@@ -68,7 +69,7 @@ class _Hands(BasePolicy):
         )
 
     def _new_network(self) -> tuple[PerHand, PerHand, int]:
-        """Return the hidden layers, the head and how many numbers pass from those to this."""
+        """Return the hidden layers, the head, and the number of features between them."""
         arch = self.net_arch.get("pi", []) if isinstance(self.net_arch, dict) else self.net_arch
         network = HandNetwork(self._inputs, arch, self.activation_fn)
         head = HandHead(network.outputs, self._actions)
@@ -80,7 +81,7 @@ class _Hands(BasePolicy):
     def _new_optimizer(
         self, lr_schedule: Schedule, actor: list[nn.Parameter], critic: list[nn.Parameter]
     ) -> torch.optim.Optimizer:
-        """Return an optimizer of parameters, those of a critic with their own learning rate."""
+        """Return an optimizer; critics' parameters have their own learning rate."""
         groups = [
             {"params": actor, "lr_scale": 1.0, "waits": self.critic_first},
             {"params": critic, "lr_scale": self.critic_lr_scale, "waits": 0},
@@ -102,7 +103,7 @@ class _Hands(BasePolicy):
 
 
 class _OffPolicyHands(_Hands):
-    """Such policies with critics of actions."""
+    """Mixin for off-policy algorithms, whose critics take actions."""
 
     actor: Any
     critic: ContinuousCritic
@@ -119,9 +120,9 @@ class _OffPolicyHands(_Hands):
 
 
 class HandsSACPolicy(_OffPolicyHands, RegularizedSACPolicy):
-    """SAC's policy with one network for each hand, and exploration that is small at first.
+    """SAC policy with one network for all hands, and small initial exploration.
 
-    The standard deviations are a parameter: they do not depend on the state, and hands share them.
+    The standard deviations are a parameter independent of the state, shared by all hands.
 
     Args:
         observation_space: Blocks of equal size, one for each hand.
@@ -156,7 +157,7 @@ class HandsSACPolicy(_OffPolicyHands, RegularizedSACPolicy):
 
 
 class HandsTD3Policy(_OffPolicyHands, RegularizedTD3Policy):
-    """TD3's policy with one network for each hand.
+    """TD3 policy with one network for all hands.
 
     Args:
         observation_space: Blocks of equal size, one for each hand.
@@ -183,7 +184,7 @@ class HandsTD3Policy(_OffPolicyHands, RegularizedTD3Policy):
 
 
 class HandsActorCriticPolicy(_Hands, ActorCriticPolicy):
-    """PPO's policy with one network for each hand, and exploration that is small at first.
+    """PPO policy with one network for all hands, and small initial exploration.
 
     The mean of an action is between -1 and 1; the noise is added to it, and SB3 clips the sum.
 
@@ -219,7 +220,7 @@ class HandsActorCriticPolicy(_Hands, ActorCriticPolicy):
     def evaluate_actions(
         self, obs: PyTorchObs, actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-        """Return values, log probabilities and entropies; if anchored, the latter see above."""
+        """Return values, log probabilities and entropies; anchored as described above."""
         values, log_probabilities, entropy = super().evaluate_actions(obs, actions)
         if self.anchored:
             features = self.features_extractor(obs)
@@ -266,7 +267,7 @@ def _restore_rates(optimizer: torch.optim.Optimizer, *arguments: Any) -> None:
 
 
 def _block(what: str, space: spaces.Space[Any], n_hands: int) -> int:
-    """Return how many numbers of a flat space belong to each hand."""
+    """Return the size of each hand's block in a flat space."""
     if not isinstance(space, spaces.Box) or len(space.shape) != 1:
         raise ConfigError(f"The {what} space is {space}: expected a Box of one dimension.")
     size = space.shape[0]
@@ -275,11 +276,19 @@ def _block(what: str, space: spaces.Space[Any], n_hands: int) -> int:
             f"n_hands is {n_hands}, the {what} space has {size} numbers: expected as many for each "
             "hand."
         )
+    layout = space.layout if isinstance(space, ObservationSpace) else {}
+    sizes = [block.size for block in layout.values()]
+    if sizes != sizes[: len(sizes) // n_hands] * n_hands:
+        raise ConfigError(
+            f"n_hands is {n_hands}, the observation has the blocks {', '.join(layout)}: expected "
+            'equal ones for each hand, as of the observation "hands" without observation_blocks; '
+            "or n_hands=1."
+        )
     return size // n_hands
 
 
 def _check_bounds(space: spaces.Space[Any]) -> None:
-    """Refuse actions that are not from -1 to 1."""
+    """Raise an error unless actions are in [-1, 1]."""
     if isinstance(space, spaces.Box) and not ((space.low == -1).all() and (space.high == 1).all()):
         raise ConfigError(
             f"The action space is from {space.low.min():g} to {space.high.max():g}: expected -1 to "

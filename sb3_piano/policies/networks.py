@@ -1,7 +1,7 @@
-"""Mixins for policies of stock SAC, TD3 and TQC that make their own networks.
+"""Mixins of SAC, TD3 and TQC policies with their own networks.
 
-A policy class that inherits from these, before SB3's, says which networks it wants; everything
-else (heads of actors, target networks, optimizers, saving) stays SB3's.
+Inherit from these before SB3's policy class and define the networks; everything else (heads of
+actors, target networks, optimizers, saving) stays SB3's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from torch import nn
 
 
 class OwnCritics(BasePolicy):
-    """Policies that make the networks of their critics themselves."""
+    """Mixin of policies with their own critic networks."""
 
     def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         """Return new critics."""
@@ -35,7 +35,7 @@ class OwnCritics(BasePolicy):
 
 
 class OwnActor(BasePolicy):
-    """Policies that make the network of their actor themselves, up to its heads."""
+    """Mixin of policies with their own actor network, without its heads."""
 
     actor_kwargs: dict[str, Any]
 

@@ -23,7 +23,7 @@ Layer = type[nn.Module]
 
 
 class RegularizedCritic(ContinuousCritic):
-    """SB3's critics, which may tell an actor's update something else than their own.
+    """SB3's critics with an option to average their values in the actor's update.
 
     An actor's update alone differentiates by actions: in all others they are data.
 
@@ -41,7 +41,7 @@ class RegularizedCritic(ContinuousCritic):
         self._action_cost, self._mean_q = action_cost, mean_q
 
     def forward(self, obs: torch.Tensor, actions: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """Return what each critic says of actions, (n, 1); of all as one if they are averaged."""
+        """Return each critic's values, (n, 1), or their mean if averaged."""
         values = super().forward(obs, actions)
         if not actions.requires_grad:
             return values
@@ -51,7 +51,7 @@ class RegularizedCritic(ContinuousCritic):
         return tuple(value - cost for value in values)
 
     def q1_forward(self, obs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
-        """Return what the first critic says of actions, (n, 1), or the mean of all."""
+        """Return the first critic's values, (n, 1), or the mean of all."""
         if not actions.requires_grad:
             return super().q1_forward(obs, actions)
         if self._mean_q:
@@ -60,7 +60,7 @@ class RegularizedCritic(ContinuousCritic):
 
 
 class RegularizedQuantileCritic(QuantileCritic):
-    """TQC's critics, with such a cost; their mean optimises the actor anyway.
+    """TQC's critics with the same action cost; their mean optimises the actor anyway.
 
     Args:
         *args: As of TQC's ``Critic``.
@@ -83,7 +83,7 @@ class RegularizedQuantileCritic(QuantileCritic):
 
 
 class RegularizedCritics(OwnCritics):
-    """Policies whose critics have dropout and layer normalisation in their hidden layers."""
+    """Mixin of policies whose critics have dropout and layer normalisation."""
 
     activation_fn: Layer
     critic_kwargs: dict[str, Any]
@@ -110,7 +110,7 @@ class RegularizedCritics(OwnCritics):
         super().__init__(*args, **kwargs)
 
     def set_training_mode(self, mode: bool) -> None:
-        """Switch dropout on or off; stock policies leave target critics as they are."""
+        """Switch dropout on or off, in target critics too (stock policies leave them)."""
         super().set_training_mode(mode)
         if self._regularization["target_dropout"]:
             for network in self.critic_target.q_networks:  # not a features extractor's statistics
@@ -142,13 +142,13 @@ class RegularizedCritics(OwnCritics):
 
 
 class RegularizedSACPolicy(RegularizedCritics, SACPolicy):
-    """SB3's ``MlpPolicy`` of SAC with regularised critics.
+    """SAC's ``MlpPolicy`` with regularised critics.
 
     With ``target_dropout=True, mean_q=True`` it is DroQ under stock SAC: dropout is active in
-    critics and targets throughout an update, and nowhere else; the actor is optimised by the mean
-    of the critics, targets have their least. Updates for each step are ``gradient_steps`` of the
-    algorithm: 20 in the paper, 1 in RoboPianist. The paper updates the actor only in the last of
-    them; stock SAC does in each.
+    critics and targets during an update only; the actor maximises the mean of the critics, targets
+    take their least. The algorithm's ``gradient_steps`` sets the updates for each step: 20 in the
+    paper, 1 in RoboPianist. The paper updates the actor only in the last of them, stock SAC in
+    each.
 
     Source: Hiraoka et al. (2022), "Dropout Q-Functions for Doubly Efficient Reinforcement
     Learning", algorithm 2. RoboPianist (Zakka et al. 2023) trains with it: ``dropout`` 0.01 and a
@@ -172,7 +172,7 @@ class RegularizedSACPolicy(RegularizedCritics, SACPolicy):
 
 
 class RegularizedTD3Policy(RegularizedCritics, TD3Policy):
-    """SB3's ``MlpPolicy`` of TD3 with regularised critics; see :class:`RegularizedSACPolicy`."""
+    """TD3's ``MlpPolicy`` with regularised critics; see :class:`RegularizedSACPolicy`."""
 
 
 class RegularizedTQCPolicy(RegularizedCritics, TQCPolicy):
@@ -183,7 +183,7 @@ class RegularizedTQCPolicy(RegularizedCritics, TQCPolicy):
 
 @functools.cache
 def __getattr__(name: str) -> Any:
-    """Make a policy that models of older versions name: DroQ's settings as a class."""
+    """Return a policy class named by models of older versions: DroQ's settings."""
     former = {
         "DroQSACPolicy": RegularizedSACPolicy,
         "DroQTD3Policy": RegularizedTD3Policy,
@@ -202,11 +202,11 @@ def __getattr__(name: str) -> Any:
 
 
 def _cost(weight: float, actions: torch.Tensor) -> torch.Tensor:
-    """Return what actions cost an actor, (n, 1)."""
+    """Return the cost of actions in the actor's update, (n, 1)."""
     return weight * actions.square().mean(dim=1, keepdim=True)
 
 
 def _dropout(probability: float, features: int) -> nn.Dropout:
-    """Return dropout for a layer of any size."""
+    """Return a dropout layer."""
     del features
     return nn.Dropout(probability)

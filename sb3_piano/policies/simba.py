@@ -1,4 +1,4 @@
-"""SimBa's networks for the policies of SAC, TD3 and TQC; they know nothing of pianos.
+"""SimBa's networks for SAC, TD3 and TQC policies of any environment.
 
 Source: Lee et al. (2024), "SimBa: Simplicity Bias for Scaling Up Parameters in Deep Reinforcement
 Learning", arXiv 2410.09754, section 4; sizes and initial weights from its authors' published code.
@@ -29,7 +29,7 @@ EXPANSION = 4
 
 
 class RSNorm(BaseFeaturesExtractor):
-    """Observations standardised by their running mean and variance.
+    """Standardise observations by their running mean and variance.
 
     The statistics are those of all observations seen in training mode, that is in updates: acting
     and evaluating leave them alone. They are buffers, saved with the policy. Stock algorithms copy
@@ -42,7 +42,7 @@ class RSNorm(BaseFeaturesExtractor):
 
     Args:
         observation_space: A ``Box`` of any shape, which is flattened.
-        epsilon: What is added to the variance, above 0.
+        epsilon: Added to the variance, above 0.
         clip: Largest absolute value of a result, above 0.
 
     Raises:
@@ -80,7 +80,7 @@ class RSNorm(BaseFeaturesExtractor):
 
     @torch.no_grad()
     def _update(self, batch: Tensor) -> None:
-        """Join the moments of a batch to those so far (Chan et al. 1979), in place."""
+        """Merge the moments of a batch into the running ones (Chan et al. 1979), in place."""
         variance, mean = torch.var_mean(batch, dim=0, correction=0)
         delta, before = mean - self.running_mean, self.running_count.clone()
         self.running_count += len(batch)
@@ -94,7 +94,7 @@ class SimbaBlock(nn.Module):
     """A pre-norm residual block: x + Linear(activation(Linear(LayerNorm(x)))).
 
     Args:
-        width: Numbers that go in and come out.
+        width: Number of inputs and outputs.
         activation_fn: Activation of the hidden layer, which has :data:`EXPANSION` times as many.
     """
 
@@ -120,7 +120,7 @@ def simba_network(
     """Return SimBa's network: a linear layer, residual blocks, layer normalisation.
 
     Args:
-        inputs: Numbers that go in.
+        inputs: Number of inputs.
         widths: Width of each block, all equal.
         activation_fn: Activation within the blocks.
     """
@@ -133,7 +133,7 @@ def simba_network(
 
 
 class _Simba(OwnActor, OwnCritics):
-    """Policies whose actor and critics are SimBa's networks."""
+    """Mixin of policies whose actor and critics are SimBa networks."""
 
     net_arch: Any
     activation_fn: type[nn.Module]
@@ -173,7 +173,7 @@ class _Simba(OwnActor, OwnCritics):
 
 
 class SimbaSACPolicy(_Simba, SACPolicy):
-    """SAC's policy with SimBa's networks.
+    """SAC policy with SimBa networks.
 
     The paper trains them with a learning rate of 1e-4, two updates a step, ``ent_coef`` from 0.01
     and a target entropy of minus half the number of actions: settings of the algorithm.
@@ -196,15 +196,15 @@ class SimbaSACPolicy(_Simba, SACPolicy):
 
 
 class SimbaTD3Policy(_Simba, TD3Policy):
-    """TD3's policy with SimBa's networks; arguments as of :class:`SimbaSACPolicy`."""
+    """TD3 policy with SimBa networks; arguments of :class:`SimbaSACPolicy`."""
 
 
 class SimbaTQCPolicy(_Simba, TQCPolicy):
-    """TQC's policy with SimBa's networks; arguments as of :class:`SimbaSACPolicy`."""
+    """TQC policy with SimBa networks; arguments of :class:`SimbaSACPolicy`."""
 
 
 def _check_blocks(net_arch: Any) -> None:
-    """Refuse what does not say the width of at least one block of actor and critics each."""
+    """Raise an error unless actor and critics have at least one block width each."""
     of_each = net_arch if isinstance(net_arch, Mapping) else {"pi": net_arch, "qf": net_arch}
     if set(of_each) != {"pi", "qf"}:
         raise ConfigError(f"net_arch has {', '.join(map(str, of_each))}: expected 'pi' and 'qf'.")

@@ -1,6 +1,6 @@
-"""Updates of stock algorithms without the work that changes nothing.
+"""Faster updates of stock algorithms: skip work that has no effect.
 
-Three kinds of it are a third of SB3's update of SAC that observes a piano roll:
+Three kinds of useless work are a third of SB3's update of SAC on a piano roll:
 
 - Most keys of a roll are never due and never sound, so that most columns of a batch are zero: they
   add nothing to the first layer, and their weights have no gradient.
@@ -9,12 +9,13 @@ Three kinds of it are a third of SB3's update of SAC that observes a piano roll:
 - Adam reads and writes all weights several times in each step, where torch's fused Adam passes over
   them once.
 
-What is learnt is the same but for rounding, as the same is computed in another order.
+Networks stay the same but for rounding, as sums are computed in another order.
 """
 
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -26,14 +27,14 @@ from torch.nn import functional
 from torch.optim import Adam
 
 _WORTHWHILE = 0.75
-"""With more columns in use than this share, gathering them takes longer than it saves."""
+"""Above this share of used columns, gathering them takes longer than it saves."""
 
 
 class ZeroSkippingLinear(nn.Linear):
-    """A linear layer that leaves out the inputs that are zero throughout a batch."""
+    """Linear layer that skips inputs that are zero in the whole batch."""
 
     always_used = 0
-    """Inputs at the end that are never left out: a critic's actions, which may all be zero and
+    """Inputs at the end that are never skipped: a critic's actions, which may all be zero and
     still have a gradient."""
 
     def forward(self, input: Tensor) -> Tensor:
@@ -50,13 +51,13 @@ class ZeroSkippingLinear(nn.Linear):
 
 
 @contextlib.contextmanager
-def sparing_updates(model: BaseAlgorithm) -> Iterator[None]:
-    """Let a model's updates leave out meanwhile what changes nothing; afterwards it is as before.
+def fast_updates(model: BaseAlgorithm) -> Iterator[None]:
+    """Context manager that speeds up a model's updates; it restores the model on exit.
 
-    It suits SAC, TD3, DDPG, TQC and CrossQ with any policy; of other algorithms only the steps of
-    Adam change. Runs train so. With SB3 alone::
+    For SAC, TD3, DDPG, TQC and CrossQ with any policy; of other algorithms only the steps of Adam
+    change. Runs use it. With SB3 alone::
 
-        with sparing_updates(model):
+        with fast_updates(model):
             model.learn(100_000)
 
     Args:
@@ -80,8 +81,14 @@ def sparing_updates(model: BaseAlgorithm) -> Iterator[None]:
         yield
 
 
+def sparing_updates(model: BaseAlgorithm) -> contextlib.AbstractContextManager[None]:
+    """Return :func:`fast_updates`, which had this name up to 0.2."""
+    warnings.warn("sparing_updates is now fast_updates.", DeprecationWarning, stacklevel=2)
+    return fast_updates(model)
+
+
 def _adam_groups(model: BaseAlgorithm) -> Iterator[dict[str, Any]]:
-    """Yield the parameter groups of Adam on the CPU whose way to take a step nobody has chosen."""
+    """Yield Adam's parameter groups on the CPU without a chosen ``fused`` or ``foreach``."""
     names, _ = model._get_torch_save_params()
     for name in names:
         optimizer = recursive_getattr(model, name)
@@ -94,7 +101,7 @@ def _adam_groups(model: BaseAlgorithm) -> Iterator[dict[str, Any]]:
 
 @contextlib.contextmanager
 def _without_own_gradients(critic: Any, name: str) -> Iterator[None]:
-    """Let a method of critics treat their weights as constants where it is the actor's update."""
+    """Make a method of critics treat their weights as constants in the actor's update."""
     setattr(critic, name, partial(_with_constant_weights, critic, getattr(critic, name)))
     try:
         yield
@@ -105,7 +112,7 @@ def _without_own_gradients(critic: Any, name: str) -> Iterator[None]:
 def _with_constant_weights(
     critic: nn.Module, method: Callable[..., Any], obs: Any, actions: Tensor
 ) -> Any:
-    """Call a method of critics; in an actor's update, which alone differentiates by actions, so."""
+    """Call a method of critics, with constant weights if actions need a gradient."""
     if not actions.requires_grad:  # an update of the critics: actions are data
         return method(obs, actions)
     learnt = [parameter for parameter in critic.parameters() if parameter.requires_grad]
@@ -119,7 +126,7 @@ def _with_constant_weights(
 
 
 def _first_layers(policy: Any) -> Iterator[tuple[Any, int]]:
-    """Yield the plain linear layers that see a batch, and how many actions are among the inputs."""
+    """Yield the first linear layers, and the number of actions among their inputs."""
     n_actions = policy.action_space.shape[0]
     for name in ("actor", "actor_target", "critic", "critic_target"):
         network = getattr(policy, name, None)

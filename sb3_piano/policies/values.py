@@ -1,4 +1,4 @@
-"""Values of states and actions, as the critics of off-policy algorithms see them."""
+"""Values of states and actions by the critics of off-policy algorithms."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_piano.arrays import Float32Array, FloatArray
 
 _PROPOSALS = 4
-"""So many actions are drawn at once, which takes little longer than one."""
+"""Number of actions drawn at once, which takes little longer than one."""
 
 
 def critic_values(policy: Any, observations: Any, actions: torch.Tensor) -> torch.Tensor:
-    """Return the value that each critic of a policy gives to actions, (n, critics).
+    """Return each critic's value of actions, (n, critics).
 
     Args:
         policy: Of SAC, TD3, DDPG, TQC, CrossQ or another algorithm with a ``critic``.
@@ -30,7 +30,7 @@ def critic_values(policy: Any, observations: Any, actions: torch.Tensor) -> torc
 
 
 class PolicyValues:
-    """What a model would play in a state, and what its critics expect of that."""
+    """Proposals of a model's policy, and values of its critics."""
 
     def __init__(
         self,
@@ -38,9 +38,9 @@ class PolicyValues:
         normalizer: VecNormalize | None,
         noise: FloatArray | float = 0.0,
     ):
-        """Take a model, and what normalises for it.
+        """Wrap a model and its ``VecNormalize``.
 
-        ``noise`` is the standard deviation of what is added to a policy without a distribution.
+        ``noise`` is the standard deviation of proposals of a policy without a distribution.
         """
         self.gamma = float(model.gamma)
         self._policy: Any = model.policy
@@ -51,22 +51,22 @@ class PolicyValues:
         self._random_states = self._generators()
 
     def set_random_seed(self, seed: int) -> None:
-        """Begin anew with the actions that are drawn."""
+        """Seed the drawing of actions."""
         with torch.random.fork_rng(self._devices):
             torch.manual_seed(seed)
             self._random_states = self._generators()
 
     def _generators(self) -> list[torch.Tensor]:
-        """Return where the processor's generator stands, and that of the policy's device."""
+        """Return the states of the CPU's random generator and of the policy's device."""
         return [torch.get_rng_state(), *map(torch.cuda.get_rng_state, self._devices)]
 
     def copied(self, memo: dict[int, Any]) -> PolicyValues:
-        """Return this: it knows nothing of the environment."""
+        """Return this object: it has no state of an environment."""
         del memo
         return self
 
     def reward(self, piano: Any, reward: float, info: Mapping[str, Any]) -> float:
-        """Return a reward as the critics learnt it."""
+        """Return a reward normalised as in the critics' training."""
         del piano, info
         if self._normalizer is None:
             return reward
@@ -74,14 +74,14 @@ class PolicyValues:
 
     @torch.no_grad()
     def judge(self, observation: Any) -> tuple[float, Float32Array]:
-        """Return the mean of the critics' values of the policy's own action, and this."""
+        """Return the critics' mean value of the policy's action, and the action."""
         seen = self._seen(observation)
         mode = self._policy._predict(seen, deterministic=True)
-        return float(critic_values(self._policy, seen, mode).mean()), self.played(mode)[0]
+        return float(critic_values(self._policy, seen, mode).mean()), self.unscale_actions(mode)[0]
 
     @torch.no_grad()
     def propose(self, observation: Any, mode: Float32Array) -> list[Float32Array]:
-        """Return actions that the policy might draw, given the one that it would play."""
+        """Draw actions from the policy; ``mode`` is its deterministic action."""
         seen = self._seen(observation)
         rows = seen.expand(_PROPOSALS, *seen.shape[1:])
         with torch.random.fork_rng(self._devices):
@@ -89,7 +89,7 @@ class PolicyValues:
             torch.set_rng_state(processor)
             for state, device in zip(others, self._devices, strict=True):
                 torch.cuda.set_rng_state(state, device)
-            played = self.played(self._policy._predict(rows, deterministic=False))
+            played = self.unscale_actions(self._policy._predict(rows, deterministic=False))
             if np.array_equal(played[0], played[1]):  # it has no distribution
                 noise = self._noise * torch.randn(played.shape).numpy()
                 played = np.clip(mode + noise, -1.0, 1.0).astype(np.float32)
@@ -102,7 +102,7 @@ class PolicyValues:
         tensor: torch.Tensor = self._policy.obs_to_tensor(observation)[0]
         return tensor
 
-    def played(self, actions: torch.Tensor) -> Float32Array:
-        """Return actions, which a policy tells in [-1, 1], as the environment takes them."""
+    def unscale_actions(self, actions: torch.Tensor) -> Float32Array:
+        """Rescale actions from [-1, 1] to the bounds of the action space."""
         played: Float32Array = self._policy.unscale_action(actions.cpu().numpy())
         return played

@@ -1,23 +1,29 @@
-"""Training runs: YAML to environments, model and files; resuming and evaluating them."""
+"""Training runs: YAML to environments, model and files; resuming and evaluating them.
 
-from sb3_piano.training.configuration.config import RunConfig
-from sb3_piano.training.configuration.env_spec import EnvSpec
-from sb3_piano.training.configuration.plugins import Plugin
-from sb3_piano.training.configuration.yaml_files import load_config, load_entry
-from sb3_piano.training.evaluation.comparison import compare
-from sb3_piano.training.evaluation.evaluate import evaluate
-from sb3_piano.training.evaluation.report import write_report
-from sb3_piano.training.playing.player import OpenPlayer
-from sb3_piano.training.playing.player import SavedPlayer as SavedPlayer  # its former name
-from sb3_piano.training.playing.residual import RunResidual
-from sb3_piano.training.playing.takes import play_run
-from sb3_piano.training.runs.clone import clone
-from sb3_piano.training.runs.fine_tuning import load_fine_tuning
-from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.start import StartFromRun, load_start
-from sb3_piano.training.runs.train import resume, train
-from sb3_piano.training.sharing.export import export_run
-from sb3_piano.training.sharing.hub import load_player
+What is imported here is loaded when it is asked for, so that players need no torch.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sb3_piano.training.configuration.config import RunConfig
+    from sb3_piano.training.configuration.env_spec import EnvSpec
+    from sb3_piano.training.configuration.plugins import Plugin
+    from sb3_piano.training.configuration.yaml_files import load_config, load_entry
+    from sb3_piano.training.evaluation.comparison import compare
+    from sb3_piano.training.evaluation.evaluate import evaluate
+    from sb3_piano.training.evaluation.report import write_report
+    from sb3_piano.training.playing.player import OpenPlayer
+    from sb3_piano.training.playing.residual import RunResidual
+    from sb3_piano.training.playing.takes import play_run
+    from sb3_piano.training.runs.clone import clone
+    from sb3_piano.training.runs.fine_tuning import load_fine_tuning
+    from sb3_piano.training.runs.folder import RunFolder
+    from sb3_piano.training.runs.start import StartFromRun, load_start
+    from sb3_piano.training.runs.train import resume, train
+    from sb3_piano.training.sharing.export import export_run
+    from sb3_piano.training.sharing.hub import load_player
 
 __all__ = [
     "EnvSpec",
@@ -41,3 +47,35 @@ __all__ = [
     "train",
     "write_report",
 ]
+
+_MODULES = {
+    "EnvSpec": "configuration.env_spec",
+    "OpenPlayer": "playing.player",
+    "Plugin": "configuration.plugins",
+    "RunConfig": "configuration.config",
+    "RunFolder": "runs.folder",
+    "RunResidual": "playing.residual",
+    "SavedPlayer": "playing.player",
+    "StartFromRun": "runs.start",
+    "clone": "runs.clone",
+    "compare": "evaluation.comparison",
+    "evaluate": "evaluation.evaluate",
+    "export_run": "sharing.export",
+    "load_config": "configuration.yaml_files",
+    "load_entry": "configuration.yaml_files",
+    "load_fine_tuning": "runs.fine_tuning",
+    "load_player": "sharing.hub",
+    "load_start": "runs.start",
+    "play_run": "playing.takes",
+    "resume": "runs.train",
+    "train": "runs.train",
+    "write_report": "evaluation.report",
+}
+"""Where each name is; ``SavedPlayer`` is the former name of ``OpenPlayer``."""
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name when it is asked for."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -7,7 +7,7 @@ import math
 import platform
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,15 +34,14 @@ RESULTS = tuple(f"{model}_{metric}" for model in ("final", "best") for metric in
 class Objective:
     """Train with the settings of a trial from each seed of the study, and judge the models.
 
-    Each training is a run like any other, in ``trials/<number>/seed_<seed>`` of the study's folder,
-    without its checkpoint. It is evaluated at equal distances by ``F1Callback`` or
-    ``OnsetF1Callback`` and, when it has ended, by :func:`~sb3_piano.training.evaluate`; the trial
-    may be pruned after each. What is reported is the mean of the value so far and the values of the
-    trainings before, by the environment steps of all of them. Evaluating callbacks of the study's
-    entry are left out.
+    Each training is a run in ``trials/<number>/seed_<seed>`` of the study's folder, without its
+    checkpoint. It is evaluated at equal distances by ``F1Callback`` or ``OnsetF1Callback``, in
+    place of those of the study's entry, and at its end by :func:`~sb3_piano.training.evaluate`.
+    After each, the mean of the value so far and of the trainings before is reported, by the
+    environment steps of all of them, and the trial may be pruned.
 
-    The function is for ``study.optimize(..., catch=(Exception,))``: whatever goes wrong is noted
-    with the trial and raised.
+    It is for ``study.optimize(..., catch=(Exception,))``: whatever goes wrong is noted with the
+    trial and raised.
     """
 
     config: StudyConfig
@@ -77,8 +76,8 @@ class Objective:
         finally:
             trial.set_user_attr(trials.VALUES, self._values(results))
             for name in RESULTS if results else ():
-                trial.set_user_attr(name, float(np.mean([found[name] for found in results])))
-        return float(np.mean(self._values(results)))
+                trial.set_user_attr(name, _mean(found[name] for found in results))
+        return _mean(self._values(results))
 
     def _values(self, results: Sequence[Mapping[str, float]]) -> list[float]:
         return [found[f"{self.config.objective}_{self.config.metric}"] for found in results]
@@ -87,7 +86,7 @@ class Objective:
         """Report a mean after steps of a training that is not whole; return whether to go on."""
         n_whole = len(results) - bool(steps)
         steps += n_whole * self.config.config.n_timesteps
-        trial.report(float(np.mean(self._values(results))), steps)
+        trial.report(_mean(self._values(results)), steps)
         return not trial.should_prune()
 
     def _train(
@@ -115,8 +114,7 @@ class Objective:
             n_eval_episodes=None if episodes == 1 else episodes * min(n_pieces, MOST_PIECES),
             seed=study.eval_seed,
         )
-        minutes = math.inf if study.minutes is None else study.minutes
-        end = time.monotonic() + 60 * minutes / len(study.seeds)
+        end = time.monotonic() + 60 * (study.minutes or math.inf) / len(study.seeds)
         try:
             result = train(config, path, callbacks=[_Limit(end), judge], progress_bar=False)
         except _StoppedError:
@@ -132,8 +130,9 @@ class Objective:
         if last is None or last.interrupted:
             raise KeyboardInterrupt
         found = _results_of(last.mean, judge)
-        if not math.isfinite(*self._values([found])):
-            raise RunError(f"{study.value_name} is {self._values([found])[0]}: expected a number.")
+        (value,) = self._values([found])
+        if not math.isfinite(value):
+            raise RunError(f"{study.value_name} is {value}: expected a number.")
         return found
 
 
@@ -157,18 +156,18 @@ class _Limit(BaseCallback):
         return time.monotonic() < self._end
 
 
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean([*values]))
+
+
 def _results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
     """Return final and best value of each metric of a training, by the names of :data:`RESULTS`.
 
     ``last`` has the metrics of the model at its end; empty stands for those of the last evaluation.
     """
-    results = {}
+    results, found = {}, [judge.means(number) for number in range(len(judge.evaluated_at))]
     for metric in METRICS:
-        values = [
-            float(np.mean([episode.get(metric, math.nan) for episode in episodes]))
-            for episodes in judge.evaluations_metrics
-        ]
-        values += [last[metric]] if metric in last else []
+        values = [means.get(metric, math.nan) for means in (*found, *filter(None, [last]))]
         results[f"final_{metric}"] = values[-1]
         results[f"best_{metric}"] = max(values)
     return results

@@ -36,19 +36,15 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
     """Write the entry with the best settings, if a trial is complete, and what they are."""
     count = trials.counting(study)
     for best in trials.best_first(count)[:1]:
-        write_entry(
-            folder.best_file,
-            config.algo,
-            config.env_id,
-            with_settings(config.entry, config.space.settings(best.params)),
-            [
-                f"Trial {best.number}, the best of {len(count)} of the study {study.study_name!r}: "
-                f"{config.value_name} {best.value}, from the seeds {list(config.seeds)}.",
-                *_CAVEAT,
-                *commands_of(study, config, folder).values(),
-                "n_timesteps is that of the trials; to train longer: --steps N, in RL Zoo -n N.",
-            ],
-        )
+        comment = [
+            f"Trial {best.number}, the best of {len(count)} of the study {study.study_name!r}: "
+            f"{config.value_name} {best.value}, from the seeds {list(config.seeds)}.",
+            *_CAVEAT,
+            *commands_of(study, config, folder).values(),
+            "n_timesteps is that of the trials; to train longer: --steps N, in RL Zoo -n N.",
+        ]
+        entry = with_settings(config.entry, config.space.settings(best.params))
+        write_entry(folder.best_file, config.algo, config.env_id, entry, comment)
 
 
 def write_table(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> None:
@@ -59,10 +55,11 @@ def write_table(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -
     """
     found = study.get_trials(deepcopy=False)
     again = trials.repeated(found)
-    noted = (*RESULTS, trials.STEPS, trials.ORIGIN, trials.HOST, trials.FOLDER)
+    before = (*RESULTS, trials.STEPS)
+    after = (trials.HOST, trials.FOLDER)
     rows = (
         {
-            **{name: trial.user_attrs.get(name) for name in noted},
+            **{name: trial.user_attrs.get(name) for name in (*before, trials.ORIGIN, *after)},
             **config.space.settings(trial.params),
             "number": trial.number,
             "state": "repeated" if trial.number in again else trials.STATES[trial.state],
@@ -72,9 +69,8 @@ def write_table(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -
         }
         for trial in found
     )
-    before, after = (*RESULTS, trials.STEPS, "seconds", trials.ORIGIN), (trials.HOST, trials.FOLDER)
-    columns = ("number", "state", "value", *before, *config.space, trials.FAILURE, *after)
-    write_csv(folder.table_file, columns, rows)
+    columns = ("number", "state", "value", *before, "seconds", trials.ORIGIN, *config.space)
+    write_csv(folder.table_file, (*columns, trials.FAILURE, *after), rows)
 
 
 def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> None:
@@ -83,15 +79,14 @@ def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) 
     counts, best = Counter(trial.state for trial in count), trials.best_first(count)
     store = shlex.quote(str(folder.journal_file)) if folder.journal_file.exists() else "URL"
     settings = config.space.settings
+    commands = commands_of(study, config, folder)
     page = render(
         "study.html",
         study=study,
         config=config,
         caveat=" ".join(_CAVEAT),
         trials=count,
-        states=[
-            f"{counts[state]} {name}" for state, name in trials.STATES.items() if counts[state]
-        ],
+        states=[f"{counts[state]} {n}" for state, n in trials.STATES.items() if counts[state]],
         repeated=len(study.get_trials(deepcopy=False)) - len(count),
         best=best,
         preset=trials.preset_trial(count),
@@ -100,10 +95,7 @@ def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) 
         results=RESULTS,
         failures=[(t.number, why) for t in count if (why := trials.failure_of(t))],
         figures=_figures(study, config.value_name),
-        commands=[
-            *commands_of(study, config, folder).items(),
-            ("Look closer", f"optuna-dashboard {store}"),
-        ],
+        commands=[*commands.items(), ("Look closer", f"optuna-dashboard {store}")],
     )
     write_text(folder.report_file, page)
 

@@ -17,14 +17,15 @@ from typing import Any
 from optuna import distributions as optunas
 from optuna.trial import BaseTrial, create_trial
 
-from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
-from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names, one_line
-from sb3_piano.settings import Count, NotNegative, Positive, Share, checked, number_in
+from sb3_piano.envs import PianoEnvConfig
+from sb3_piano.exceptions import ConfigError, SB3PianoError, naming, near_names, one_line
+from sb3_piano.settings import number_in
 from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.entries import setting_at, with_settings
 from sb3_piano.training.configuration.names import algorithm_class
-from sb3_piano.training.configuration.values import coerce, linear_start, parameters_of, plain
-from sb3_piano.training.configuration.yaml_files import entry_config, read_yaml_mapping
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
+from sb3_piano.training.configuration.values import coerce, parameters_of, plain
+from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 _KINDS = ("float", "int", "discount", "choice")
@@ -40,10 +41,10 @@ _SAME = ("algo", "env_id", "env_module", "n_timesteps", "seed")
 class Parameter:
     """A distribution of Optuna's, and what the values in the store stand for.
 
-    The store holds a discount as its distance from 1, named "1 - gamma": a discount factor of 0.9
-    looks 10 steps ahead, one of 0.99 a hundred, and ranges are even in the logarithm of that. Of
-    choices it holds text, numbers and booleans as they are; for any other value the text that
-    stands for it in JSON, such as "[256, 256]", or the label that it has in a mapping.
+    The store holds a discount as its distance from 1, named "1 - gamma": ranges are even in the
+    logarithm of the 10 steps that 0.9 looks ahead, or the hundred of 0.99. Of choices it holds
+    text, numbers and booleans as they are; of any other value its text in JSON, such as
+    "[256, 256]", or the label that it has in a mapping.
     """
 
     form: Mapping[str, Any]
@@ -102,12 +103,11 @@ def parse_parameter(name: str, value: Any) -> Parameter:
     """
     if isinstance(value, Parameter):
         return value
+    form = _form_of(value) if isinstance(value, optunas.BaseDistribution) else value
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # as Optuna says that it lowers the upper end
-            return _parsed(
-                _form_of(value) if isinstance(value, optunas.BaseDistribution) else value
-            )
+            return _parsed(form)
     except (ArithmeticError, TypeError, UserWarning, ValueError) as error:
         raise ConfigError(
             f"Search space: {name!r}: {value!r} cannot be searched: {one_line(error).rstrip('.')}. "
@@ -125,16 +125,15 @@ def _parsed(form: Any) -> Parameter:
     if kind == "choice":
         return _choice(given, **options)
     number = int if kind == "int" else float
+    made: Any = optunas.IntDistribution if kind == "int" else optunas.FloatDistribution
     low, high = (coerce(end, number, kind) for end in given)
     if kind == "discount":
         if not 0 <= low < high < 1:
             raise ValueError("it is no range of numbers from 0 on, less than 1")
         ends = _distance_from_1(high), _distance_from_1(low)
-        distribution: Any = optunas.FloatDistribution(*ends, **options, log=True)
-        return Parameter({kind: [low, high]}, distribution)
+        return Parameter({kind: [low, high]}, made(*ends, **options, log=True))
     if "step" in options:
         options["step"] = coerce(options["step"], number | None, "step")
-    made = optunas.IntDistribution if kind == "int" else optunas.FloatDistribution
     distribution = made(low, high, **options)
     return Parameter(_form_of(distribution), distribution)
 
@@ -166,15 +165,12 @@ def _distance_from_1(number: float) -> float:
 
 
 class Space(dict[str, Parameter]):
-    """Parameters by the settings they are for.
+    """Parameters, or Optuna's distributions, by the settings they are for.
 
     The names of settings are paths in an entry of an RL Zoo file: ``learning_rate``,
     ``policy_kwargs.net_arch``, ``env_kwargs.reward_weights.fingering``. As
     ``env_wrapper.TemporalStretch.factor`` one names an argument of the wrapper with that class
     name; a wrapper of ``sb3_piano.wrappers`` that the entry lacks is put around the others.
-
-    Args:
-        parameters: Optuna's distributions, or parameters in their form in YAML.
 
     Raises:
         ConfigError: If there is none, or a parameter is not valid.
@@ -225,8 +221,8 @@ class Space(dict[str, Parameter]):
             return None if wanted is None else next(same, None)
 
         arguments = {name: p.default for name, p in parameters_of(algorithm_class(algo)).items()}
-        env_kwargs = {**vars(PianoEnvConfig()), "reward_weights": DEFAULT_REWARD_WEIGHTS}
-        defaults = {**arguments, "policy": RunConfig.policy, "env_kwargs": env_kwargs}
+        env = PianoEnvConfig(reward_terms=setting_at(entry, "env_kwargs.reward_terms", {}))
+        defaults = {**arguments, "policy": RunConfig.policy, "env_kwargs": vars(env)}
         found = {p.stored_name(name): stored(name, p) for name, p in self.items()}
         return {name: value for name, value in found.items() if value is not None}
 
@@ -244,11 +240,8 @@ SPACES = {name: Space(form) for name, form in _GROUPS.items() if not name.starts
 def load_space(sources: Sequence[str | os.PathLike[str]], algo: str) -> Space:
     """Return the parameters of several spaces together.
 
-    Args:
-        sources: Names of spaces that come with this package or YAML files, each with parameters by
-            setting; a later one replaces parameters of those before. By default the space that
-            comes with this package for the algorithm.
-        algo: Name of the algorithm.
+    Sources are names of spaces that come with this package, by default that of the algorithm, or
+    YAML files with parameters by setting; a later one replaces parameters of those before.
 
     Raises:
         ConfigError: If there is no such space or file, or one is not valid.
@@ -260,21 +253,9 @@ def load_space(sources: Sequence[str | os.PathLike[str]], algo: str) -> Space:
                 f"Unknown search space {source!r}.{near_names(source, SPACES)} Expected one of "
                 f"{', '.join(SPACES)}, or a YAML file (--space)."
             )
-        try:
+        with naming(f"'{source}'"):
             parameters.update(SPACES.get(source) or Space(read_yaml_mapping(Path(source))))
-        except ConfigError as error:
-            raise ConfigError(f"'{source}': {error}") from error
     return Space(parameters)
-
-
-# Arguments of SB3's algorithms that these take without a look, and then learn nothing.
-_NEEDS: Mapping[str, Any] = {
-    **dict.fromkeys(("gamma", "tau", "gae_lambda"), Share),
-    **dict.fromkeys(("learning_rate", "clip_range", "max_grad_norm"), Positive),
-    **dict.fromkeys(("batch_size", "buffer_size", "n_steps", "n_epochs", "policy_delay"), Count),
-    "train_freq": Count,
-    **dict.fromkeys(("learning_starts", "target_policy_noise", "target_noise_clip"), NotNegative),
-}
 
 
 def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) -> None:
@@ -288,11 +269,6 @@ def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) 
         together = {name: ends[min(index, len(ends) - 1)] for name, ends in extremes.items()}
         settings = together if index >= 0 else {}  # what is wrong by itself is told first
         try:
-            for name, value in settings.items():
-                start = linear_start(value)
-                number = value if start is None else start
-                if name in _NEEDS and isinstance(number, int | float):
-                    checked(name, number, _NEEDS[name])
             _build(entry_config(algo, env_id, with_settings(entry, settings)).alone())
         except Exception as error:  # environments and algorithms may refuse values in any way
             of_ours = isinstance(error, SB3PianoError)

@@ -6,13 +6,12 @@ import contextlib
 import os
 import random
 import time
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
 import optuna
 import sqlalchemy
-from optuna.exceptions import DuplicatedStudyError, ExperimentalWarning, StorageInternalError
+from optuna.exceptions import DuplicatedStudyError, StorageInternalError
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 from optuna.study import StudyDirection
@@ -24,7 +23,7 @@ from sb3_piano.jobs.folders import check_same
 from sb3_piano.links import check_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
-from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, retry
+from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, optuna_experiments, retry
 
 HEARTBEAT_INTERVAL = 60
 """Seconds between two signs of life of a trial in a database."""
@@ -39,10 +38,9 @@ _MAKING_SECONDS = 5.0
 
 @contextlib.contextmanager
 def opened_store(url: str | None, folder: StudyFolder) -> Iterator[BaseStorage]:
-    """Give the store of studies: a database, whose tables are made if need be, or the journal.
+    """Give the database of a URL, with tables, or without one the journal in a study's folder.
 
-    Without a URL, in SQLAlchemy's form, it is the journal in the study's folder, which is made for
-    it. No message shows the URL's password.
+    No message shows the URL's password.
 
     Raises:
         RunError: If the database or the journal cannot be used.
@@ -63,14 +61,8 @@ def opened_store(url: str | None, folder: StudyFolder) -> Iterator[BaseStorage]:
         store.engine.dispose()
 
 
-# The journal.
-
-
 class _JournalLock(JournalFileOpenLock):
-    """A lock that is free when its process dies; whoever holds it alone writes into the journal.
-
-    Half a line that a killed process has left is removed.
-    """
+    """A lock that is free when its process dies; it removes half a line which that has left."""
 
     def __init__(self, folder: StudyFolder):
         super().__init__(str(folder.journal_file))
@@ -102,17 +94,13 @@ def _open_journal(folder: StudyFolder) -> JournalStorage:
         ) from error
 
 
-# Databases.
-
-
 def _open_database(url: str, attempts: int = 5) -> RDBStorage:
     try:
         parsed = sqlalchemy.make_url(url)
         if parsed.get_backend_name() == "sqlite":
             raise RuntimeError("SQLite is not for several machines at once")
         whole = parsed.render_as_string(hide_password=False)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ExperimentalWarning)
+        with optuna_experiments():
             store = RDBStorage(
                 whole.replace("{", "{{").replace("}", "}}"),  # Optuna formats it
                 engine_kwargs={"pool_pre_ping": True},
@@ -163,9 +151,6 @@ def _why_refused(error: Exception) -> str:
     return one_line(error.__cause__ or error).rstrip(".")
 
 
-# Studies in a store.
-
-
 def open_study(
     config: StudyConfig, storage: BaseStorage, *, name: str, search: Search
 ) -> optuna.Study:
@@ -191,8 +176,7 @@ def open_study(
                 f"Study {name!r} is another program's: expected one of 'sb3-piano tune'; give "
                 "yours another name with --name."
             )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ExperimentalWarning)
+        with optuna_experiments():
             study.set_metric_names([config.value_name])  # for the dashboard
         params = config.preset_params()
         whole = params.keys() == config.space.distributions.keys()

@@ -5,22 +5,13 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from optuna.exceptions import ExperimentalWarning
-from optuna.pruners import (
-    BasePruner,
-    HyperbandPruner,
-    MedianPruner,
-    NopPruner,
-    SuccessiveHalvingPruner,
-)
-from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, RandomSampler, TPESampler
+from optuna import pruners, samplers
 
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError
@@ -30,6 +21,7 @@ from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.trials import optuna_experiments
 
 METRICS: Mapping[str, type[MetricEvalCallback]] = {
     callback.metric: callback for callback in (F1Callback, OnsetF1Callback)
@@ -39,11 +31,7 @@ METRICS: Mapping[str, type[MetricEvalCallback]] = {
 
 @settings
 class StudyConfig:
-    """Space of a study and measure of its trials: all that makes two studies the same.
-
-    Raises:
-        ConfigError: If a setting is unknown or out of range.
-    """
+    """Space of a study and measure of its trials: all that makes two studies the same."""
 
     algo: str
     """Name of the algorithm."""
@@ -108,23 +96,19 @@ class StudyConfig:
         A file (a score, finger labels) stands there by its content: its path may be another on each
         machine.
         """
-        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         kwargs, files = dict(self.config.env_kwargs), {}
         for option in FILE_OPTIONS:
             file = Path(str(kwargs.get(option)))
             if file.is_file():
                 files[option] = f"sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}"
         entry = {**self.entry, "env_kwargs": kwargs | files} if files else dict(self.entry)
+        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return json.loads(json.dumps({**mapping, "space": self.space.to_mapping(), "entry": entry}))
 
 
 @settings
 class Search:
-    """Sampler and pruner of a study, which may change while it goes on.
-
-    Raises:
-        ConfigError: If a name is unknown or a number out of range.
-    """
+    """Sampler and pruner of a study, which may change while it goes on."""
 
     sampler: Literal["tpe", "cmaes", "gp", "random"] = "tpe"
     """Chooses the settings of trials."""
@@ -136,28 +120,27 @@ class Search:
     """Seed of the sampler. Only with one worker are its choices the same each time."""
 
 
-def make_sampler(search: Search, number: int = 0) -> BaseSampler:
+@optuna_experiments()
+def make_sampler(search: Search, number: int = 0) -> samplers.BaseSampler:
     """Return the sampler of a trial, which has a seed of its own, whoever runs it."""
     startup, seed = search.startup_trials, search.seed
     if seed is not None:
         seed = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
-    # Optuna recommends it where successive halving ends most trials.
-    pruned = search.pruner in ("hyperband", "halving")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ExperimentalWarning)
-        match search.sampler:
-            case "tpe":  # trials that run count as bad ones, so that none gets their settings
-                options: Any = {"multivariate": True, "constant_liar": True}
-                return TPESampler(n_startup_trials=startup, seed=seed, **options)
-            case "cmaes":  # every choice is drawn at random
-                options = {"warn_independent_sampling": False, "consider_pruned_trials": pruned}
-                return CmaEsSampler(n_startup_trials=startup, seed=seed, **options)
-            case "gp":  # a Gaussian process; it thinks longer the more trials there are
-                return GPSampler(n_startup_trials=startup, seed=seed)
-    return RandomSampler(seed=seed)
+    options: Any = {"n_startup_trials": startup, "seed": seed}
+    match search.sampler:
+        case "tpe":  # trials that run count as bad ones, so that none gets their settings
+            return samplers.TPESampler(**options, multivariate=True, constant_liar=True)
+        case "cmaes":  # every choice is drawn at random
+            options["warn_independent_sampling"] = False
+            # Optuna recommends it where successive halving ends most trials.
+            options["consider_pruned_trials"] = search.pruner in ("hyperband", "halving")
+            return samplers.CmaEsSampler(**options)
+        case "gp":  # a Gaussian process; it thinks longer the more trials there are
+            return samplers.GPSampler(**options)
+    return samplers.RandomSampler(seed=seed)
 
 
-def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
+def make_pruner(search: Search, config: StudyConfig) -> pruners.BasePruner:
     """Return a study's pruner, whose steps are environment steps of all trainings of a trial.
 
     Music metrics are noisy while a model learns, and off-policy algorithms play at random for a
@@ -168,12 +151,14 @@ def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
     warmup = min(2 * config.interval, steps)
     match search.pruner:
         case "median":  # a median of a few trials says little: 5 by default, as in Optuna
-            return MedianPruner(n_startup_trials=search.startup_trials // 2, n_warmup_steps=warmup)
+            startup = search.startup_trials // 2
+            return pruners.MedianPruner(n_startup_trials=startup, n_warmup_steps=warmup)
         case "halving":  # Optuna's own factor, 4, would end most trials by one noisy evaluation
-            return SuccessiveHalvingPruner(min_resource=warmup, reduction_factor=2)
+            return pruners.SuccessiveHalvingPruner(min_resource=warmup, reduction_factor=2)
         case "hyperband":
-            return HyperbandPruner(config.interval, steps * len(config.seeds), reduction_factor=3)
-    return NopPruner()
+            most = steps * len(config.seeds)
+            return pruners.HyperbandPruner(config.interval, most, reduction_factor=3)
+    return pruners.NopPruner()
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import optuna
 from optuna.exceptions import ExperimentalWarning
@@ -37,22 +38,25 @@ MAX_RETRIES = 3
 """How often the settings of a trial are queued again because its process was gone."""
 
 
-def retry(study: optuna.Study, trial: FrozenTrial) -> None:
-    """Queue the settings of a failed trial again whose process was gone, at most some times.
-
-    Of what is noted with the trial only the origin stays.
-    """
-    trial.user_attrs = {name: v for name, v in trial.user_attrs.items() if name == ORIGIN}
+@contextlib.contextmanager
+def optuna_experiments() -> Iterator[None]:
+    """Use what Optuna calls experimental, without its warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
-        RetryHeartbeatStaleTrialCallback(MAX_RETRIES)(study, trial)
+        yield
 
 
+@optuna_experiments()
+def retry(study: optuna.Study, trial: FrozenTrial) -> None:
+    """Queue the settings of a trial again whose process was gone, with its origin, some times."""
+    trial.user_attrs = {name: v for name, v in trial.user_attrs.items() if name == ORIGIN}
+    RetryHeartbeatStaleTrialCallback(MAX_RETRIES)(study, trial)
+
+
+@optuna_experiments()
 def repeated(trials: Iterable[FrozenTrial]) -> set[int]:
     """Return the numbers of the trials that do not count, as a later one has their settings."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ExperimentalWarning)
-        return {n for t in trials for n in RetryHeartbeatStaleTrialCallback.retry_history(t)}
+    return {n for t in trials for n in RetryHeartbeatStaleTrialCallback.retry_history(t)}
 
 
 def counting(study: optuna.Study) -> list[FrozenTrial]:

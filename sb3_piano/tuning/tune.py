@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
+import secrets
+import sys
+import time
+from collections.abc import Collection
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass
 from pathlib import Path
 
 import optuna
-from optuna.trial import FrozenTrial
+from optuna.exceptions import UpdateFinishedTrialError
+from optuna.storages import fail_stale_trials
+from optuna.trial import FrozenTrial, TrialState
 from rich.console import Console
 from rich.progress import Progress
 
-from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.exceptions import RunError, one_line
+from sb3_piano.interrupts import StopRequest, ended_as_by_ctrl_c, stop_on_signal
 from sb3_piano.jobs import Resources, open_executor
-from sb3_piano.links import keep_inside
+from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
+from sb3_piano.tuning import trials as of_study
+from sb3_piano.tuning.objective import Objective
 from sb3_piano.tuning.space import check_space
 from sb3_piano.tuning.storage import open_study, opened_store
-from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder
-from sb3_piano.tuning.trials import best_first, counting
-from sb3_piano.tuning.workers import TrialJob, requeue_lost, run_trials
+from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner, make_sampler
+from sb3_piano.tuning.trials import OWNER, counting, optuna_experiments, retry
+
+MAX_DEATHS = 3
+"""Deaths for each worker, since a trial ended by itself, after which a study is given up."""
+
+_POLL_SECONDS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +55,7 @@ class TuneResult:
     @property
     def best(self) -> FrozenTrial | None:
         """The best trial; ``None`` if none is complete."""
-        return next(iter(best_first(self.trials)), None)
+        return next(iter(of_study.best_first(self.trials)), None)
 
 
 def tune(
@@ -57,20 +72,18 @@ def tune(
 ) -> TuneResult:
     """Run a study, or go on with one, until it has all its trials.
 
-    The first trial has the settings of ``config.entry``, as far as the space holds them, so that
-    the study's best is never worse than what one had before. Trials that fail count; settings of a
-    trial whose process was killed, or that was interrupted, are queued again. The best settings, a
-    table and a report are written in the end, after Ctrl-C too; the same call then goes on.
-
-    On several machines, each calls this with the same settings and the URL of one database. It
-    returns when the whole study is complete.
+    The first trial has the settings of ``config.entry``, as far as the space holds them. Trials
+    that fail count; settings of a trial whose process was killed, or that was interrupted, are
+    queued again. The best settings, a table and a report are written in the end, after Ctrl-C too;
+    the same call then goes on. On several machines, each calls this with the same settings and the
+    URL of one database, and returns when the whole study is complete.
 
     Args:
         config: What is searched, and how it is judged.
         folder: The study's folder on this machine; it is made.
         name: The study's name in its store; by default that of the folder.
-        n_trials: Trials of the study in all, at least 1.
-        workers: Processes that run trials, at least 1; on this machine they share the cores.
+        n_trials: Trials of the study in all.
+        workers: Processes that run trials; on this machine they share the cores.
         ray: Address of a cluster of Ray, see :func:`~sb3_piano.jobs.open_executor`; the workers
             are then there, with a core each. All nodes see ``folder`` by the same path, on a disk
             with locks, or reach the database.
@@ -92,9 +105,9 @@ def tune(
     check_space(config.space, config.algo, config.env_id, config.entry)
     name = place.path.resolve().name if name is None else name
     there = StudyFolder(place.path.absolute())  # where workers may have another present folder
-    job = TrialJob(config=config, folder=there, study_name=name, storage=storage, search=search)
-    # A folder with a journal has one owner. Machines that share a disk and work on one study in a
-    # database may also share the study's folder, as no trial is on two of them.
+    job = _TrialJob(config=config, folder=there, study_name=name, storage=storage, search=search)
+    # Machines that share a disk and work on one study in a database may also share its folder, as
+    # no trial is on two of them.
     lock = place.workers_dir / f"{'study' if storage is None else platform.node()}{LOCK_SUFFIX}"
     owned = hold(lock, f"Study '{place.path}' is being run", "one command in a folder: --workers.")
     with stop_on_signal() as request, owned, opened_store(storage, place) as store:
@@ -104,11 +117,108 @@ def tune(
             # The settings of a lost trial are queued again, not its job.
             open_executor(None if ray else workers, ray, Resources(retries=0)) as executor,
         ):
-            interrupted = run_trials(study, job, executor, n_trials, workers, request, progress)
-        requeue_lost(study, job)
+            interrupted = _run_trials(study, job, executor, n_trials, workers, request, progress)
+        _requeue_lost(study, job)
         from sb3_piano.tuning.report import write_best, write_report, write_table
 
         for write in (write_best, write_table, write_report):
             write(study, config, place)
         trials = tuple(counting(study))
         return TuneResult(folder=place, study=study, trials=trials, interrupted=interrupted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _TrialJob:
+    """What a worker does: it runs a trial of a study."""
+
+    config: StudyConfig
+    folder: StudyFolder
+    study_name: str
+    storage: str | None
+    search: Search
+
+    def __call__(self, name: str) -> None:
+        """Run one trial; in a database, queue its settings again if it is interrupted."""
+        make_folder(self.folder.workers_dir)
+        log_file = self.folder.workers_dir / f"{platform.node()}-{os.getpid()}.log"
+        with log_file.open("ab") as log:
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
+                os.dup2(log.fileno(), stream.fileno())
+        with ended_as_by_ctrl_c(), opened_store(self.storage, self.folder) as store:
+            pruner = make_pruner(self.search, self.config)
+            study = optuna.load_study(study_name=self.study_name, storage=store, pruner=pruner)
+
+            def objective(trial: optuna.Trial) -> float:
+                trial.set_user_attr(OWNER, name)
+                study.sampler = make_sampler(self.search, trial.number)
+                return Objective(self.config, self.folder)(trial)
+
+            try:
+                study.optimize(objective, n_trials=1, catch=(Exception,), gc_after_trial=True)
+            except KeyboardInterrupt:
+                for trial in study.get_trials(states=(TrialState.FAIL,)):
+                    if trial.user_attrs.get(OWNER) == name and self.storage is not None:
+                        retry(study, trial)
+                raise
+
+
+def _run_trials(
+    study: optuna.Study,
+    job: _TrialJob,
+    executor: Executor,
+    n_trials: int,
+    n_workers: int,
+    request: StopRequest,
+    progress: Progress,
+) -> bool:
+    """Run trials until a study has all, also those of other machines; return if interrupted."""
+    busy: dict[Future[None], str] = {}  # with the names of their jobs
+    deaths, bar = 0, progress.add_task("trials", total=n_trials)
+    while not request.made:
+        _requeue_lost(study, job, busy.values())
+        trials = counting(study)
+        running = [trial for trial in trials if trial.state is TrialState.RUNNING]
+        elsewhere = [t for t in running if t.user_attrs.get(OWNER) not in busy.values()]
+        finished = sum(trial.state.is_finished() for trial in trials)
+        text = of_study.summary(trials, job.config.value_name)
+        progress.update(bar, completed=finished, description=text)
+        left = max(n_trials, len(trials)) - finished - len(elsewhere)
+        for _ in range(min(n_workers, left) - len(busy)):
+            name = secrets.token_hex(4)
+            busy[executor.submit(job, name)] = name
+        if not busy:
+            # A process that was killed before it gave its name is not waited for.
+            if not any(OWNER in trial.user_attrs for trial in elsewhere):
+                return False
+            with optuna_experiments():
+                fail_stale_trials(study)
+            time.sleep(_POLL_SECONDS)
+        for future in wait(busy, _POLL_SECONDS, FIRST_COMPLETED).done:
+            del busy[future]
+            error = future.exception()
+            deaths = 0 if error is None else deaths + 1
+            if error is not None and deaths >= MAX_DEATHS * n_workers:
+                raise RunError(
+                    f"{deaths} workers in a row ended before a trial was finished, the last one "
+                    f"so: {one_line(error)} What they printed is in '{job.folder.workers_dir}'."
+                )
+    return True
+
+
+def _requeue_lost(study: optuna.Study, job: _TrialJob, busy: Collection[str] = ()) -> None:
+    """Queue trials of a journal again that no busy job runs, or that ended without a reason.
+
+    In a database Optuna queues them again, as their heartbeats are missing.
+    """
+    trials = study.get_trials() if job.storage is None else []
+    again = of_study.repeated(trials)
+    for trial in trials:
+        owner, is_failed = trial.user_attrs.get(OWNER), trial.state is TrialState.FAIL
+        is_run = owner in busy or (owner is None and bool(busy))  # it has just begun
+        if trial.state is TrialState.RUNNING and not is_run:
+            with contextlib.suppress(ValueError, UpdateFinishedTrialError):  # it has just ended
+                study.tell(trial.number, state=TrialState.FAIL)
+                retry(study, trial)
+        elif is_failed and of_study.FAILURE not in trial.user_attrs and trial.number not in again:
+            retry(study, trial)

@@ -1,4 +1,4 @@
-"""The vector of environments for Stable-Baselines3 in which hands are agents."""
+"""Vector environment of Stable-Baselines3 in which each hand is an agent."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from sb3_piano.wrappers.hand_reward import HAND_REWARDS, HandReward
 
 
 class HandsAsAgents(VecEnvWrapper):
-    """A vector in which each hand is an environment of its own, so that one policy learns for both.
+    """Present each hand as an environment, so that one policy learns for both.
 
     Environment ``2 i`` is the right hand of environment ``i``, ``2 i + 1`` the left one; in scenes
-    with one hand, environment ``i`` is that hand. Each observes its part of the observation
-    "hands", acts by its part of :class:`~sb3_piano.wrappers.HandActions`, and gets its reward of
-    :class:`~sb3_piano.wrappers.HandReward`; both end together. What is learnt is the network of
-    one hand (``policy_kwargs: {n_hands: 1}`` of the policies of :mod:`sb3_piano.policies`).
+    with one hand, environment ``i`` is that hand. Each hand has its part of the observation "hands"
+    and of the actions of :class:`~sb3_piano.wrappers.HandActions`, and its reward of
+    :class:`~sb3_piano.wrappers.HandReward`; both end together. The learned network is that of one
+    hand (``policy_kwargs: {n_hands: 1}`` of the policies of :mod:`sb3_piano.policies`).
 
     In a run's YAML: ``vec_env_wrapper: sb3_piano.vec_env.HandsAsAgents``.
 
@@ -33,7 +33,7 @@ class HandsAsAgents(VecEnvWrapper):
             with a :class:`~sb3_piano.wrappers.HandReward`.
 
     Raises:
-        ConfigError: If they have not.
+        ConfigError: If a piano lacks one of these.
     """
 
     def __init__(self, venv: VecEnv) -> None:
@@ -57,11 +57,11 @@ class HandsAsAgents(VecEnvWrapper):
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Play what all hands do."""
+        """Start a step with the actions of all hands."""
         self.venv.step_async(actions.reshape(self.venv.num_envs, -1))
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Return what each hand observes, and its reward."""
+        """Return observation, reward, done and info of each hand."""
         observations, _, dones, infos = self.venv.step_wait()
         rewards = np.array([info[HAND_REWARDS] for info in infos], dtype=np.float32)
         of_hands = _of_hands(infos, self._hands)
@@ -70,22 +70,22 @@ class HandsAsAgents(VecEnvWrapper):
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Call a method of the environments that hands are in."""
+        """Call a method of the hands' environments."""
         inside = self._inside(indices)
         return self.venv.env_method(method_name, *args, indices=inside, **kwargs)
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the environments that hands are in."""
+        """Return an attribute of the hands' environments."""
         return self.venv.get_attr(attr_name, self._inside(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the environments that hands are in."""
+        """Set an attribute of the hands' environments."""
         self.venv.set_attr(attr_name, value, self._inside(indices))
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """Return whether the environments that hands are in have a wrapper."""
+        """Return whether the hands' environments have a wrapper."""
         return self.venv.env_is_wrapped(wrapper_class, self._inside(indices))
 
     def _parts(self, observations: VecEnvObs) -> np.ndarray:
@@ -110,7 +110,7 @@ def _of_hand(space: gym.Space[Any], hands: int) -> gym.spaces.Box:
 
 
 def _of_hands(infos: list[dict[str, Any]], hands: int) -> list[dict[str, Any]]:
-    """Return the info of each hand; all have that of an episode, which all have played.
+    """Return the info of each hand; all share the episode's.
 
     SB3's ``evaluate_policy`` waits for an episode of each environment.
     """

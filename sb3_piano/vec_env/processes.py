@@ -1,4 +1,4 @@
-"""The vector of environments for Stable-Baselines3 that shares them out among processes."""
+"""Vector environment of Stable-Baselines3 that divides environments among processes."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ EnvMaker = Callable[[], gym.Env[Any, Any]]
 
 
 class ProcessVecEnv(VecEnv):
-    """Some processes, each of which steps its share of the environments one after the other.
+    """Step environments in several processes, each with a share of them.
 
-    It gives what ``DummyVecEnv`` gives, for observations that are arrays or dictionaries of them.
-    Python's lock, which threads share, holds none up: with wrappers that compute in Python, as
-    those of observations and rewards do, two processes are nearly twice as fast as one. SB3's
-    ``SubprocVecEnv`` has a process for each environment, of which each takes some 300 MB.
+    Results equal those of ``DummyVecEnv``, for observations that are arrays or dictionaries of
+    them. Processes do not share Python's lock: with wrappers that compute in Python, such as those
+    of observations and rewards, two processes are nearly twice as fast as one. SB3's
+    ``SubprocVecEnv`` has a process for each environment, of some 300 MB each.
 
     An error in an environment is raised here when all processes have answered; the other
     environments may have played that step. After it, call ``reset``.
@@ -87,7 +87,7 @@ class ProcessVecEnv(VecEnv):
             self._ask(number, "_step", actions[share])
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Return what the steps gave; an environment whose episode ended is reset."""
+        """Return the results of the step; reset environments whose episode ended."""
         parts = zip(*self._answers(), strict=True)
         observations, rewards, dones, infos, reset_infos = parts
         self.reset_infos = list(itertools.chain.from_iterable(reset_infos))
@@ -136,7 +136,7 @@ class ProcessVecEnv(VecEnv):
         return list(itertools.chain.from_iterable(self._answers()))
 
     def _of_each(self, method: str, indices: VecEnvIndices, *args: Any, **kwargs: Any) -> list[Any]:
-        """Call a method of the vectors inside for some environments; return the answers."""
+        """Call a method of the inner vectors for some environments; return the answers."""
         asked = list(self._get_indices(indices))
         shares = [range(self.num_envs)[share] for share in self._shares]
         for number, own in enumerate(shares):
@@ -150,7 +150,7 @@ class ProcessVecEnv(VecEnv):
         return [found[index] for index in asked]
 
     def _ask(self, number: int, method: str, /, *args: Any, **kwargs: Any) -> None:
-        """Ask a process for a method of its environments; of one that has ended no answer tells."""
+        """Call a method in a worker process. A dead worker is noticed when its answer is read."""
         ours = self._ours[number]
         if self._unread[number]:
             with contextlib.suppress(Exception):  # not Ctrl-C, after which it is still to be read
@@ -160,7 +160,7 @@ class ProcessVecEnv(VecEnv):
             ours.send((method, args, kwargs))
 
     def _answers(self) -> list[Any]:
-        """Return what the processes answer, or raise what one of them raised, once all have."""
+        """Wait for all processes; return their answers, or raise the error of one."""
         answers, errors = [], []
         for number, ours in enumerate(self._ours):
             try:
@@ -179,7 +179,7 @@ class ProcessVecEnv(VecEnv):
 
 
 def _joined(parts: Sequence[Any]) -> VecEnvObs:
-    """Return the observations of all processes together."""
+    """Concatenate the observations of all processes."""
     if isinstance(parts[0], dict):
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return np.concatenate(parts)
@@ -209,7 +209,7 @@ class _Share(DummyVecEnv):
 
 
 def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) -> None:
-    """Make environments in a process, and do what is asked until nothing more is."""
+    """Make environments in a worker process and serve calls until the pipe closes."""
     ours.close()  # else the end of the other process would go unnoticed
     leave_to_parent()
     venv: _Share | None = None
@@ -236,7 +236,7 @@ def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) ->
 
 
 def _readable(error: Exception) -> Exception:
-    """Return an error, or one with its text if another process could not read it."""
+    """Return an error, or a copy of its text if it cannot be pickled."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

@@ -1,4 +1,4 @@
-"""The vector of environments for Stable-Baselines3 that steps them in threads."""
+"""Vector environment of Stable-Baselines3 that steps environments in threads."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ from sb3_piano.threads import ThreadTeam
 
 
 class ThreadVecEnv(DummyVecEnv):
-    """A ``DummyVecEnv`` whose environments step, reset, draw and close in threads.
+    """``DummyVecEnv`` whose environments step, reset, render and close in threads.
 
-    It gives exactly what ``DummyVecEnv`` gives. It is faster with environments that release
-    Python's lock while they compute, as all do that run on MuJoCo; and other than with
-    ``SubprocVecEnv``, observations stay in the process and ``venv.envs`` are the environments
-    themselves. Environments must share nothing that a step changes, such as ``numpy.random``'s
-    global generator.
+    Results equal those of ``DummyVecEnv`` exactly. It is faster with environments that release
+    Python's lock while they compute, such as MuJoCo's. Other than with ``SubprocVecEnv``,
+    observations stay in the process and ``venv.envs`` are the environments themselves. Environments
+    must not share state that a step changes, such as ``numpy.random``'s global generator.
 
-    ``make_vec_env(env_id, n_envs=4, vec_env_cls=ThreadVecEnv)`` makes one; in a run's YAML it is
-    ``vec_env: threads``. RL Zoo takes it from a script that stands in for ``rl_zoo3.train``::
+    ``make_vec_env(env_id, n_envs=4, vec_env_cls=ThreadVecEnv)`` makes one; in a run's YAML use
+    ``vec_env: threads``. For RL Zoo run a script in place of ``rl_zoo3.train``::
 
         from rl_zoo3.exp_manager import ExperimentManager
         from rl_zoo3.train import train
@@ -37,8 +36,8 @@ class ThreadVecEnv(DummyVecEnv):
         ExperimentManager.default_vec_env_cls = ThreadVecEnv
         train()
 
-    An error in one environment is raised when all threads have come to rest; the other environments
-    may have played that step. After it, as after Ctrl-C, call ``reset``.
+    An error in one environment is raised when all threads have stopped; the other environments may
+    have played that step. After it, as after Ctrl-C, call ``reset``.
 
     Args:
         env_fns: Functions that make the environments.
@@ -56,7 +55,7 @@ class ThreadVecEnv(DummyVecEnv):
         self._team = ThreadTeam(self.num_envs, n_threads)
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Play one step in every environment; one whose episode ended is reset."""
+        """Play one step in every environment; reset environments whose episode ended."""
         self._team.run(self._step_env)
         return (
             self._obs_from_buf(),

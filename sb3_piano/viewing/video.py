@@ -143,8 +143,12 @@ def _ffmpeg_running(path: Path, arguments: list[str]) -> Iterator[IO[bytes]]:
 
 
 def _ffmpeg() -> str:
-    import imageio_ffmpeg
-
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise RenderingError(
+            "A video needs ffmpeg, which is not installed: pip install imageio-ffmpeg"
+        ) from error
     try:
         return imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError as error:

@@ -1,4 +1,4 @@
-"""Gymnasium wrappers for the piano: what is played, what is observed, what is rewarded."""
+"""Gymnasium wrappers that change the score, the observation, the action or the reward."""
 
 from sb3_piano.wrappers.excerpt import Excerpt
 from sb3_piano.wrappers.hand_actions import HandActions

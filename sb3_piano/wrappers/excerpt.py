@@ -1,4 +1,4 @@
-"""A part of a piece, the same or another one in each episode."""
+"""Wrapper that plays a part of each piece, fixed or drawn."""
 
 from __future__ import annotations
 
@@ -22,23 +22,22 @@ Span = tuple[float, float]
 _WHOLE: Span = (0.0, math.inf)
 
 _SAME_TIME = 1e-6
-"""Times that differ by less, in s, are taken for equal."""
+"""Times that differ by less, in s, count as equal."""
 
 
 class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
-    """Play a part of each piece: the notes that are struck in it.
+    """Play a part of each piece: the notes that begin in it.
 
-    With ``start="random"`` another part is drawn for each episode, never a silent one and never
-    shorter than need be. In seconds, it begins with a note: all times at which notes are struck are
-    equally likely, as far as the part then lies within the piece; if notes are struck later than
-    that, the last part of the piece is one more. In bars, it begins with a bar in which a note is
-    struck, by the same rule.
+    With ``start="random"`` a part is drawn for each episode, never a silent one and never shorter
+    than necessary. In seconds, it begins with a note: all onsets are equally likely, as far as the
+    part then lies within the piece; if there are later onsets, the last part of the piece is one
+    more. In bars, it begins with a bar that has an onset, by the same rule.
 
-    A piece that is no longer than the part is played whole. What is left of a piece after ``start``
-    is played if it is shorter than ``length``.
+    A piece no longer than the part is played whole. If less than ``length`` is left after
+    ``start``, the rest is played.
 
-    Bars are counted from 0. The last one is that in which the last note is struck; it lasts until
-    the end of the piece. Notes before the first bar line, an upbeat, make a bar of their own.
+    Bars are counted from 0. The last bar has the last onset and lasts until the end of the piece.
+    Notes before the first bar line, an upbeat, make a bar of their own.
 
     Args:
         env: A piano environment, wrapped or not.
@@ -85,7 +84,7 @@ class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
         return self._part.span(score, starts[random.integers(len(starts))])
 
     def extreme_values(self, score: Score) -> list[Span]:
-        """Return the part; if it is drawn, the whole piece, in which all of them lie."""
+        """Return the part, or the whole piece if the part is drawn."""
         if self._start is not None:
             return [self._part.span(score, self._start)]
         self._part.starts(score)  # raises if the piece has no bars
@@ -98,7 +97,7 @@ class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
 
 @dataclass(frozen=True)
 class _Seconds:
-    """Parts of a length in s: where one may begin, and beginning and end of one, s."""
+    """Parts with a length in s: possible beginnings, and the ends of a part, s."""
 
     length: float
 
@@ -115,7 +114,7 @@ class _Seconds:
 
 @dataclass(frozen=True)
 class _Bars:
-    """The same of parts of so many bars."""
+    """Parts with a length in bars: possible beginnings, and the ends of a part, s."""
 
     length: int
 
@@ -138,7 +137,7 @@ class _Bars:
 
 
 def _bar_lines(score: Score) -> list[float]:
-    """Return the beginning of each bar, s, up to the bar in which the last note is struck."""
+    """Return the beginning of each bar, s, up to the bar of the last onset."""
     if not score.bars:
         raise ScoreError(
             f"The bars of {score.title!r} are not known: expected a piece from a MIDI or "
@@ -149,6 +148,6 @@ def _bar_lines(score: Score) -> list[float]:
 
 
 def _at_onset(score: Score, time: float) -> float:
-    """Return the time of the note that is struck at a time, which may be a rounding error off."""
+    """Return the exact onset at a time that may have a rounding error."""
     nearest = min((note.onset for note in score.notes), key=lambda onset: abs(onset - time))
     return nearest if abs(nearest - time) < _SAME_TIME else time

@@ -1,4 +1,4 @@
-"""Actions of hands, each a right hand's, that begin where the hand is."""
+"""Wrapper with mirrored, relative actions of hands."""
 
 from __future__ import annotations
 
@@ -22,13 +22,12 @@ from sb3_piano.wrappers.piano import piano_of
 
 
 class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Take actions as offsets from where the actuators are, all hands as right hands.
+    """Take actions as offsets from the actuators' positions, all hands as right hands.
 
-    The action has one number in [-1, 1] for each actuator and none for the pedal, which is moved as
-    the score asks. An actuator is told where it is plus its reach times the number, cut at the ends
-    of its control range; the left hand's slider along the keyboard moves the other way, so that
-    what moves the right hand to the right moves the left one to the left. With the observation
-    "hands" both hands see and do the same in the mirror, and one network can play either.
+    The action has one number in [-1, 1] for each actuator and none for the pedal, which follows the
+    score. The target of an actuator is its position plus its reach times the number, clipped to its
+    control range. The left hand's slider along the keyboard is mirrored. With the observation
+    "hands" both hands see and do the same, mirrored, so that one network can play either.
 
     Args:
         env: A piano environment, wrapped or not.
@@ -49,8 +48,8 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         own = self._piano.action_space
         if env.action_space != own:
             raise ConfigError(
-                f"HandActions cannot stand for actions of {env.action_space}: expected those of "
-                f"the piano itself, {own}. Put wrappers that change them further out."
+                f"HandActions cannot replace actions of {env.action_space}: expected the piano's "
+                f"own, {own}. Put wrappers that change them further out."
             )
         self.map = HandActionMap(self._piano.scene, reach)
         """Map from these actions to the actuators' targets, and back."""
@@ -58,7 +57,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
 
     @property
     def reach(self) -> FloatArray:
-        """(n,) what an action of 1 adds, rad, or m for the sliders; negative in the mirror."""
+        """(n,) offset of an action of 1, rad, or m for the sliders; negative in the mirror."""
         return self.map.reach
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -70,7 +69,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         return self.env.step(self.piano_action(action))
 
     def piano_action(self, action: npt.ArrayLike) -> Float32Array:
-        """Return the action of the piano itself that an action stands for in the present state.
+        """Convert an action to the piano's own action in the present state.
 
         Raises:
             InvalidActionError: If the action has the wrong shape or is not finite.
@@ -88,7 +87,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         return piano.action_map.action(controls, pedal_down=down)
 
     def action_for(self, controls: FloatArray) -> Float32Array:
-        """Return the action that tells the actuators something, (n,) rad or m, within its reach."""
+        """Return the action that sets actuator targets, (n,) rad or m, as far as it reaches."""
         return self.map.action(controls, self._positions())
 
     def _positions(self) -> FloatArray:
@@ -96,34 +95,34 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         return piano.scene.actuator_positions(piano.data.qpos[piano.scene.hand_qpos])
 
 
-def change_of_actions(env: gym.Env[Any, Any], rad: float, asker: str) -> FloatArray:
-    """Return by how much actions change where a finger's joint is told to go elsewhere by ``rad``.
+def change_of_actions(env: gym.Env[Any, Any], rad: float, caller: str) -> FloatArray:
+    """Return the change of each action that moves a finger joint's target by ``rad``.
 
     Returns:
         (n,) a number for each actuator: other ones go as far as moves a fingertip as much.
 
     Raises:
         ConfigError: If the actions are neither the piano's own nor those of :class:`HandActions`;
-            the message names who asks.
+            the message names the caller.
     """
-    piano = piano_of(env, asker)
+    piano = piano_of(env, caller)
     if env.action_space == piano.action_space:
         return piano.action_map.change(rad * hand_action_unit(piano.scene))
-    inside = hand_actions_of(env, asker)
+    inside = hand_actions_of(env, caller)
     if env.action_space != inside.action_space:
         raise ConfigError(
-            f"{asker} cannot change actions of {env.action_space}: expected the piano's own, "
+            f"{caller} cannot change actions of {env.action_space}: expected the piano's own, "
             f"{piano.action_space}, or those of HandActions."
         )
     return np.full(inside.reach.shape, rad / np.abs(inside.reach).max())
 
 
 class CorrectsHandActions:
-    """Marks wrappers further out whose actions are of the same space and mean something else."""
+    """Mixin of wrappers whose actions are corrections, added to those of ``HandActions``."""
 
 
-def hand_actions_of(env: gym.Env[Any, Any], asker: str) -> HandActions:
-    """Return the wrapper among those around a piano.
+def hand_actions_of(env: gym.Env[Any, Any], caller: str) -> HandActions:
+    """Return the ``HandActions`` around a piano.
 
     Raises:
         ConfigError: If it is not there, or its actions are corrected further out; the message names
@@ -132,12 +131,12 @@ def hand_actions_of(env: gym.Env[Any, Any], asker: str) -> HandActions:
     for layer in layers(env):
         if isinstance(layer, CorrectsHandActions):
             raise ConfigError(
-                f"{asker} finds {type(layer).__name__}, whose actions are corrections: expected "
+                f"{caller} finds {type(layer).__name__}, whose actions are corrections: expected "
                 "HandActions without it."
             )
         if isinstance(layer, HandActions):
             return layer
     raise ConfigError(
-        f"{asker} finds no HandActions around the piano: expected "
+        f"{caller} finds no HandActions around the piano: expected "
         "sb3_piano.wrappers.HandActions among the wrappers."
     )

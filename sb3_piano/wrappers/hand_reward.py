@@ -1,4 +1,4 @@
-"""A reward that says to each hand how well it played in this control step."""
+"""Wrapper with a reward for each hand in each control step."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ from sb3_piano.simulation.scene import SIDES
 from sb3_piano.wrappers.piano import piano_of
 
 HAND_REWARDS = "hand_rewards"
-"""Name in a step's info of the rewards of the hands in the scene, the right one first."""
+"""Key of ``info`` for the rewards of the hands in the scene, the right one first."""
 
 
 class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Reward each hand by F1 over the keys of a control step, and by its strikes.
 
-    A hand's reward is ``own * F1(its keys) + (1 - own) * F1(all keys) - 1``, plus ``strikes`` times
-    the number of its strikes that hit a note within the tolerance of the onset metric less those
-    that hit none. Its keys are those that its fingers are labelled to hold, and the wrong ones that
-    one of its fingertips is nearest to. A key that sounds counts by its state at the end of the
-    step, and by ``within`` as the share of the step's physics steps in which it sounds. Where
-    nothing is due and nothing sounds F1 is 1.
+    A hand's reward is ``own * F1(its keys) + (1 - own) * F1(all keys) - 1``, plus ``strikes`` for
+    each strike that hits a note within the tolerance of the onset metric, less ``strikes`` for each
+    other strike. The hand's keys are those labelled with its fingers, and the wrong keys nearest to
+    one of its fingertips. A sounding key counts by its state at the end of the step, and by
+    ``within`` as the share of the physics steps in which it sounds. Without due and sounding keys
+    F1 is 1.
 
-    A hand that knows nothing hardly ever hits a due key. ``guidance`` adds up to that much for
-    coming near: the mean closeness, as in RoboPianist's terms of fingering and of pressing keys, of
-    its fingers to the keys that are due, times ``fingering``, and of these to being down.
+    An untrained hand hardly ever hits a due key. ``guidance`` is the highest bonus for coming near:
+    the mean closeness, as in RoboPianist's terms of fingering and of pressing keys, of its fingers
+    to the due keys, times ``fingering``, and of these keys to being down.
 
-    The reward of a step is the mean of the hands'; ``info["hand_rewards"]`` has them one by one,
-    for :class:`~sb3_piano.vec_env.HandsAsAgents`. The terms of the piano's own reward are still in
-    ``info["reward_terms"]``.
+    The reward of a step is the mean of the hands' rewards; ``info["hand_rewards"]`` has each, for
+    :class:`~sb3_piano.vec_env.HandsAsAgents`. ``info["reward_terms"]`` keeps the terms of the
+    piano's own reward.
 
     Args:
         env: A piano environment, wrapped or not.
         own: Share of the hand's own keys, 0 to 1.
         within: Share of what sounds within the step, 0 to 1.
-        strikes: What a strike is worth, 0 or more; a missed key for a whole step is worth up to 1.
-        guidance: What it is worth to be at due keys and to hold them down, 0 or more.
+        strikes: Value of a strike, 0 or more; a missed key for a whole step costs up to 1.
+        guidance: Value of being at due keys and holding them down, 0 or more.
         fingering: Weight of the labelled fingers in the guidance, 0 or more; with 0 it pays for
             keys alone, whichever finger holds them.
 
@@ -98,11 +98,11 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         return observation, float(rewards.mean()), terminated, truncated, info
 
     def snapshot(self) -> tuple[OpenOnsets, BoolArray]:
-        """Return what goes with ``PianoEnv.snapshot``: the open onsets and the keys that sound."""
+        """Return the open onsets and the sounding keys, to go with ``PianoEnv.snapshot``."""
         return self._open.copy(), self._sounding
 
     def go_back(self, moment: tuple[OpenOnsets, BoolArray]) -> None:
-        """Go back to a moment."""
+        """Restore a snapshot."""
         self._open, self._sounding = moment[0].copy(), moment[1]
 
     def _rewards(self, step: int) -> FloatArray:
@@ -134,7 +134,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         return rewards + self.guidance * self._closeness(step) if self.guidance else rewards
 
     def _closeness(self, step: int) -> FloatArray:
-        """Return how near each hand is to holding its due keys; 0 for none."""
+        """Return the closeness of each hand to its due keys; 0 without due keys."""
         simulation = self._piano.simulation
         keys, fingers = (array.tolist() for array in self._piano.asked_roll.due(step))
         distances: tuple[list[float], list[float]] = ([], [])
@@ -151,7 +151,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         return np.array(closeness)[self._hands]
 
     def _hand(self, step: int, key: int) -> int:
-        """Return the hand that holds a key, or is the nearest one: 0 or 1."""
+        """Return the hand that holds a key, or the nearest one: 0 or 1."""
         hand = self._hand_of.item(step, key)
         if hand < 0:  # a wrong key, or one that was released early
             tips = self._piano.simulation.fingertips[:, 1]
@@ -160,6 +160,6 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
 
 
 def _f1(asked: float, heard: float, hit: float) -> float:
-    """Return the F1 of keys, each heard by a share; 1 if none is asked for and none is heard."""
+    """Return the F1 of keys, each sounding by a share; 1 if no key is due and none sounds."""
     total = asked + heard
     return 2 * hit / total if total > 0 else 1.0

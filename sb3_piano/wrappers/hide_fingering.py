@@ -1,4 +1,4 @@
-"""Finger labels out of sight."""
+"""Wrapper that removes the fingering blocks from the observation."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy.typing as npt
 from sb3_piano.wrappers.piano import LayoutWrapper, layout_of
 
 FINGERING_BLOCKS = ("fingering", "lookahead_fingering")
-"""The blocks of an observation that show finger labels."""
+"""Blocks of the observation with finger labels."""
 
 
 class HideFingering(LayoutWrapper, gym.utils.RecordConstructorArgs):
-    """Observe zeros in place of the finger labels; the observation keeps its shape and space.
+    """Replace finger labels by zeros; the observation keeps its shape and space.
 
-    The *reward* still depends on the labels of a score that has any, and so does what shows
-    rewards, such as :class:`~sb3_piano.wrappers.PreviousActionReward`. An environment made with
-    ``fingering_reward="off"`` or ``"optimal-transport"`` asks for no labels at all.
+    The *reward* still depends on the labels of a score, and so do wrappers that show rewards, such
+    as :class:`~sb3_piano.wrappers.PreviousActionReward`. Use ``fingering_reward="off"`` or
+    ``"optimal-transport"`` for an environment without labels.
 
     Source: the curriculum-strategies report on RoboPianist: "We replace the per-note finger field
     in o_t with a constant of the same dimension."

@@ -1,4 +1,4 @@
-"""Whether an episode was relabelled in hindsight, as an observation."""
+"""Wrapper that marks relabelled episodes in the observation."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from sb3_piano.wrappers.piano import LayoutWrapper, layout_of
 
 
 class HindsightFlag(LayoutWrapper, gym.utils.RecordConstructorArgs):
-    """Observe whether the episode is relabelled in hindsight.
+    """Append 1 to observations of relabelled episodes, 0 to all others.
 
-    Appends the block ``relabelled``, one number: 0 in every episode that is played, and 1 in the
+    Appends the block ``relabelled``, one number: 0 in every played episode, and 1 in the
     transitions that :class:`~sb3_piano.callbacks.HindsightCallback` adds to the replay buffer. It
-    may be put around another wrapper that changes the layout, or inside of it.
+    may be outside or inside another wrapper that changes the layout.
 
     Source: RoboVirtuoso, section 5.2, "an additional value in the observables vector to indicate
     whether an episode was a relabelled or the original".
@@ -40,5 +40,5 @@ class HindsightFlag(LayoutWrapper, gym.utils.RecordConstructorArgs):
         """Whether the observations are those of a relabelled episode."""
 
     def observation(self, observation: Any) -> npt.NDArray[np.float32]:
-        """Return an observation followed by the flag."""
+        """Return the observation with the flag appended."""
         return np.concatenate([observation, (float(self.relabelled),)], dtype=np.float32)

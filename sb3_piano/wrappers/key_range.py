@@ -1,4 +1,4 @@
-"""A part of the keyboard in place of the whole one."""
+"""Wrapper that observes a part of the keyboard."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _PITCH = Annotated[Whole, Ge(MIN_PITCH), Le(MAX_PITCH)]
 
 
 class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
-    """Observe a part of the keyboard: the goal and the state of some neighbouring keys.
+    """Observe goal and state of a range of keys only.
 
     The blocks ``goal`` and ``key_state`` get narrower; everything else, the reward included, stays
-    as it is. It may be put around another wrapper that changes the layout, or inside of it.
+    the same. It may be outside or inside another wrapper that changes the layout.
 
-    A score wrapper further *out* may bring a piece that leaves the range, which then is an error at
-    ``reset``; one further in is known already when this wrapper is made.
+    An outer score wrapper may bring a piece beyond the range, an error at ``reset``; an inner one
+    is checked when this wrapper is made.
 
     Source: "utilizing the keys in the 3 central octaves" (the report on SAC and TD3 with pitch
     shifts and key reduction). It does not name the keys; 36 are taken to be C3 to B5. RoboPianist's
@@ -96,7 +96,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
         return observation, info
 
     def observation(self, observation: Any) -> npt.NDArray[np.float32]:
-        """Return what remains of an observation."""
+        """Return the part of the observation for these keys."""
         remaining: npt.NDArray[np.float32] = observation.take(self._columns)
         return remaining
 

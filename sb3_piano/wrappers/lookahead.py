@@ -1,4 +1,4 @@
-"""Another distance to look ahead."""
+"""Wrapper that changes the lookahead."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TIME_TOLERANCE = 1e-9
 
 
 class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
-    """Observe the goal of more control steps to come, or of fewer.
+    """Observe the goal of more, or fewer, future control steps.
 
     The block ``goal`` gets another number of rows, whatever the environment's own
     ``n_steps_lookahead``; it keeps the keys it has. Row 0 is the current control step. With
@@ -89,7 +89,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
         self._take(self._piano.asked_roll)
 
     def observation(self, observation: Any) -> Float32Array:
-        """Return an observation with the other goal; after the last step it repeats the last."""
+        """Return the observation with the new goal; after the last step the goal repeats."""
         if self._piano.asked_roll is not self._roll:
             self._take(self._piano.asked_roll)
         step = min(self._piano.steps_played, len(self._roll) - 1)
@@ -107,14 +107,14 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
             self._labels_ahead = _Ahead(labels, self._steps, self._stride)
 
     def _other_layout(self, layout: ObservationLayout, fingers: bool) -> ObservationLayout:
-        """Return the layout with another goal, and with labels where they are asked for."""
+        """Return the layout with the new goal, and with finger labels if enabled."""
         rows = self._steps // self._stride + 1
         count = len(self._piano.scene.fingers) if fingers else 0
         return _layout(layout, rows, self._stride, count)
 
 
 class _Ahead:
-    """Rows of each control step of a piece, of (T, n) bool that each asks for."""
+    """Rows of the goal ahead of each control step, from (T, n) bool."""
 
     def __init__(self, values: BoolArray, steps: int, stride: int):
         self._steps, self._stride = steps, stride
@@ -126,7 +126,7 @@ class _Ahead:
         self._soon = soon.astype(np.float32)
 
     def rows(self, step: int) -> Float32Array:
-        """Return the rows of a control step, one after the other."""
+        """Return the rows of a control step, concatenated."""
         ahead = self._soon[step : step + self._steps : self._stride]
         return np.concatenate([self._now[step], ahead.reshape(-1)])
 
@@ -152,7 +152,7 @@ def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: int) -> 
 def _steps_ahead(
     steps: int | None, seconds: float | None, stride: int, control_timestep: float
 ) -> int:
-    """Return the number of control steps that is looked ahead, given as such or as a time."""
+    """Return the lookahead in control steps, from a number of steps or a time."""
     if (steps is None) == (seconds is None):
         raise ConfigError(
             f"steps is {steps!r} and seconds is {seconds!r}: expected exactly one of them."

@@ -1,4 +1,4 @@
-"""Base of the wrappers that change what is observed, and the environment inside a wrapper."""
+"""Base of observation wrappers, and access to the piano inside a chain of wrappers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sb3_piano.exceptions import ConfigError
 
 
 class LayoutWrapper(gym.ObservationWrapper[Any, Any, Any]):
-    """Observe a vector of another layout.
+    """Base of wrappers whose observation has another layout.
 
     The new observation space has the layout, so that wrappers further out, feature extractors and
     replay buffers find the blocks by name; ``env.unwrapped.observation_layout`` remains that of
@@ -26,38 +26,38 @@ class LayoutWrapper(gym.ObservationWrapper[Any, Any, Any]):
         self.observation_space = ObservationSpace(layout)
 
 
-def piano_of(env: gym.Env[Any, Any], asker: str) -> PianoEnv:
+def piano_of(env: gym.Env[Any, Any], caller: str) -> PianoEnv:
     """Return the piano environment inside all wrappers.
 
     Raises:
-        ConfigError: If it is no piano; the message names who asks.
+        ConfigError: If it is no piano; the message names the caller.
     """
     inside = env.unwrapped
     if not isinstance(inside, PianoEnv):
         raise ConfigError(
-            f"{asker} cannot wrap a {type(inside).__name__}: expected a piano environment."
+            f"{caller} cannot wrap a {type(inside).__name__}: expected a piano environment."
         )
     return inside
 
 
-def layout_of(env: gym.Env[Any, Any], asker: str, *needed: str) -> ObservationLayout:
-    """Return the layout of the observation that a wrapper gets, with the blocks that it needs.
+def layout_of(env: gym.Env[Any, Any], caller: str, *needed: str) -> ObservationLayout:
+    """Return the layout of the wrapped observation; require the named blocks.
 
     Raises:
         ConfigError: If it is no piano, a wrapper inside has hidden the layout, or a block is not
             there.
     """
-    piano_of(env, asker)
+    piano_of(env, caller)
     space = env.observation_space
     if not isinstance(space, ObservationSpace):
         raise ConfigError(
-            f"{asker} cannot tell which numbers of a {type(space).__name__} mean what: expected "
-            "an observation space with a layout. Put wrappers that replace it further out."
+            f"{caller} cannot read a {type(space).__name__} without a layout: expected an "
+            "observation space with one. Put wrappers that replace the space further out."
         )
     for name in needed:
         if name not in space.layout:
             raise ConfigError(
-                f"{asker} finds no block {name!r} among {', '.join(space.layout)}: expected an "
+                f"{caller} finds no block {name!r} among {', '.join(space.layout)}: expected an "
                 'environment whose observation is "roll" or "window".'
             )
     return space.layout

@@ -1,4 +1,4 @@
-"""What a camera sees, as an observation."""
+"""Wrapper that observes camera pictures."""
 
 from __future__ import annotations
 
@@ -24,14 +24,13 @@ PIXELS, VECTOR = "pixels", "observation"
 
 
 class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Observe a picture of the scene, with the vector that is observed otherwise or alone.
+    """Observe a picture of the scene, alone or beside the vector.
 
     Observations are ``Dict(observation=..., pixels=...)``, for ``MultiInputPolicy``, or with
-    ``alone`` nothing but pictures, for ``CnnPolicy``. A picture is (height, width, 3) uint8, drawn
-    without a screen. Keys that are due in the control step to come have the colours of their
-    fingers, as the fingertips do; keys that sound are green, or red if they are not due. There are
-    no shadows, and edges are jagged, which is seven times as fast without a graphics card
-    (``benchmarks/pixels.py``).
+    ``alone`` pictures only, for ``CnnPolicy``. A picture is (height, width, 3) uint8, drawn without
+    a screen. Keys due in the next control step have the colours of their fingers, as the fingertips
+    do; sounding keys are green, or red if they are not due. Pictures have no shadows and jagged
+    edges, which is seven times as fast without a graphics card (``benchmarks/pixels.py``).
 
     Replay buffers of pictures are large: ``sb3_piano.buffers.CompactDictReplayBuffer``, or
     ``CompactReplayBuffer`` for pictures alone, holds each of them once.
@@ -81,7 +80,7 @@ class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorA
         return picture if self._alone else {VECTOR: observation, PIXELS: picture}
 
     def close(self) -> None:
-        """Free the drawing context, and what the environment has."""
+        """Free the drawing context, and close the environment."""
         self._stop_drawing()
         super().close()
 

@@ -1,4 +1,4 @@
-"""Action and reward of the step before, as observations."""
+"""Wrapper that observes the last action and reward."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sb3_piano.wrappers.piano import LayoutWrapper, layout_of
 
 
 class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
-    """Observe the action and the reward of the step before, too.
+    """Append the last action and the last reward to the observation.
 
     Appends the block ``previous_action``, the action of the last control step, clipped to [-1, 1]
     as the environment clips it; and ``previous_reward``, one number without bounds: the reward as
@@ -39,20 +39,20 @@ class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode, before which nothing was done."""
+        """Begin an episode; last action and reward are 0."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._action, self._reward = np.zeros_like(self._action), 0.0
         return self.observation(observation), info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Play a control step, which the observation after it shows."""
+        """Play a control step; its observation has this action and reward."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._action = np.clip(np.asarray(action), -1.0, 1.0).astype(np.float32)
         self._reward = float(reward)
         return self.observation(observation), reward, terminated, truncated, info
 
     def observation(self, observation: Any) -> npt.NDArray[np.float32]:
-        """Return an observation followed by the last action and reward."""
+        """Return the observation with the last action and reward appended."""
         parts = (observation, self._action.reshape(-1), (self._reward,))
         return np.concatenate(parts, dtype=np.float32)
 

@@ -1,4 +1,4 @@
-"""A piece chosen at random for each episode."""
+"""Wrapper that draws a piece for each episode."""
 
 from __future__ import annotations
 
@@ -23,34 +23,33 @@ from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
 
 _FEW = 100
-"""So many pieces are read at once, and kept."""
+"""Largest number of pieces that are read at once, and kept in memory."""
 
 
 class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     """Choose one of several pieces for each episode.
 
-    It takes the place of the environment's own piece before any other wrapper changes it, wherever
-    they stand: ``PitchShift(RandomPiece(env, pieces), 3)`` and
+    The choice replaces the environment's own piece before any other wrapper changes it, in any
+    order of the wrappers: ``PitchShift(RandomPiece(env, pieces), 3)`` and
     ``RandomPiece(PitchShift(env, 3), pieces)`` both shift the chosen piece. Of several
-    ``RandomPiece`` the outermost chooses. What the environment was told of a generated study, such
-    as its ``tempo``, is true of all generated studies. A score given in
-    ``reset(options={"score": ...})`` is played in place of a chosen one.
+    ``RandomPiece`` the outermost chooses. The environment's options for a generated study, such as
+    ``tempo``, hold for all generated studies. A score given in ``reset(options={"score": ...})``
+    replaces the choice.
 
-    Up to 100 pieces are read at once, so that what is wrong with one is told at once. Of more, each
-    is read when it is first chosen.
+    Up to 100 pieces are read at once, so that errors show early. Of more, each is read when first
+    chosen.
 
-    A curriculum asks which pieces there are and which one is played, and says how likely each is
-    from the next episode on: :attr:`piece_names`, :attr:`piece_index`, :meth:`set_piece_weights`.
-    A vector of environments reaches them by ``get_attr`` and ``env_method``. A piece of weight 0
-    never takes part: wrappers further out do not count with it. Who evaluates may have each piece
-    played once, by :meth:`play_in_turn`.
+    A curriculum uses :attr:`piece_names`, :attr:`piece_index` and :meth:`set_piece_weights`,
+    through ``get_attr`` and ``env_method`` of a vector of environments. A piece of weight 0 never
+    takes part, and outer wrappers ignore it. An evaluation can play each piece once by
+    :meth:`play_in_turn`.
 
     Args:
         env: A piano environment, wrapped or not.
         pieces: One or more entries of :func:`~sb3_piano.music.select_pieces`: scores, paths of
             files, names of pieces, patterns such as ``"scale-*"``, collections, lists.
-        weights: How likely each piece is, in proportion to the others; 0 or more, not all 0. Left
-            out, all are equally likely.
+        weights: Relative probability of each piece, 0 or more, not all 0; by default all are
+            equally likely.
 
     Raises:
         ConfigError: If ``pieces`` or ``weights`` is no such list, or ``env`` is no piano.
@@ -83,12 +82,12 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
     @property
     def sources(self) -> list[Score]:
-        """The pieces that may be chosen."""
+        """Pieces to choose from."""
         return [self._score(int(index)) for index in self._possible]
 
     @property
     def piece_names(self) -> list[str]:
-        """The pieces that may be chosen as text: names, absolute paths and titles of scores.
+        """Pieces to choose from as text: names, absolute paths and titles of scores.
 
         Each is another text: of several scores of one title the second is "title (2)".
         """
@@ -99,11 +98,11 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
     @property
     def piece_index(self) -> int | None:
-        """Which of these the present episode plays; ``None`` if it is not chosen here."""
+        """Index of the present episode's piece; ``None`` if the piece was set from outside."""
         return self._played
 
     def set_piece_weights(self, weights: Sequence[float]) -> None:
-        """Set how likely each piece is from the next episode on.
+        """Set the probability of each piece from the next episode on.
 
         Args:
             weights: One for each of :attr:`piece_names`, as of the constructor.
@@ -114,11 +113,11 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         self._probabilities[self._possible] = _probabilities(weights, len(self._possible))
 
     def play_in_turn(self) -> None:
-        """Play :attr:`piece_names` one after the other, the first whenever a seed is given."""
+        """Play :attr:`piece_names` one after the other; a seed restarts with the first."""
         self._turn = 0
 
     def piece_features(self, index: int) -> Features:
-        """Return what makes one of :attr:`piece_names` hard, of the notes that are played here.
+        """Return the difficulty features of one of :attr:`piece_names`, for the played notes.
 
         Raises:
             ScoreError: If the piece cannot be read.
@@ -133,7 +132,7 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         return features(self._score(own))
 
     def choose(self, random: np.random.Generator) -> Score:
-        """Return the piece of an episode."""
+        """Draw the piece of an episode."""
         if self._turn is None:
             chosen = int(random.choice(len(self._pieces), p=self._probabilities))
         else:
@@ -143,7 +142,7 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         return self._score(chosen)
 
     def _score(self, index: int) -> Score:
-        """Return a piece; the same object for as long as it is among the last that were read."""
+        """Return a piece from the cache, or read it."""
         if index not in self._scores:
             piece, _ = own_score(self._pieces[index], self._piano.piece_options)
             score = self._piano.own_part(piece)
@@ -155,13 +154,13 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode of a chosen piece."""
+        """Begin an episode of a drawn piece."""
         if self._turn is not None and seed is not None:
             self._turn = 0
         return super().reset(seed=seed, options=options)
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
-        """Return the plan with this choice, unless the piece is settled further out."""
+        """Add this choice to the plan, unless an outer wrapper fixed the piece."""
         self._played = None  # until the environment has its seed, and chooses
         if "score" in options or plan.choose is not None:
             return plan

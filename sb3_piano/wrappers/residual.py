@@ -1,4 +1,4 @@
-"""Residual actions: something plays, and an agent corrects it."""
+"""Wrapper that adds an agent's corrections to the actions of a base player."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from sb3_piano.wrappers.hand_actions import CorrectsHandActions
 
 
 class Residual(gym.Wrapper[Any, Any, Any, Any], CorrectsHandActions):
-    """Let something play, and the agent correct it.
+    """Add ``reach`` times the agent's action to the action of a base player.
 
-    What is played is its action plus ``reach`` times the agent's, cut at -1 and 1. Observations are
-    those of the environment. Wrappers inside of this one get what is played, those outside what the
-    agent does.
+    The played action is the base player's plus ``reach`` times the agent's, clipped to [-1, 1].
+    Observations are those of the environment. Inner wrappers get the played action, outer ones the
+    agent's.
 
     Source: residual policies (Silver et al. 2018, "Residual Policy Learning"; Johannink et al.
     2019, "Residual Reinforcement Learning for Robot Control").
@@ -39,11 +39,11 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], CorrectsHandActions):
     @property
     @abstractmethod
     def standardization(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, (n,), by which an agent may take observations."""
+        """Mean and standard deviation, (n,), to standardise the agent's observations."""
 
     @abstractmethod
     def base_action(self, observation: Any) -> Float32Array:
-        """Return a new array with what is played without a correction."""
+        """Return the base player's action as a new array."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -53,7 +53,7 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], CorrectsHandActions):
         return self._seen, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Play a control step, corrected.
+        """Play a control step with the corrected action.
 
         Raises:
             InvalidActionError: If the action has the wrong shape.
@@ -62,15 +62,15 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], CorrectsHandActions):
         return self._seen, *result
 
     def snapshot(self) -> Any:
-        """Return what goes with ``PianoEnv.snapshot``: the last observation."""
+        """Return the last observation, to go with ``PianoEnv.snapshot``."""
         return self._seen
 
     def go_back(self, moment: Any) -> None:
-        """Go back to a moment."""
+        """Restore a snapshot."""
         self._seen = moment
 
     def corrected(self, observation: Any, action: Any) -> Float32Array:
-        """Return what is played of an observation with the agent's action.
+        """Return the corrected action for an observation.
 
         Raises:
             InvalidActionError: If the action has the wrong shape.

@@ -1,4 +1,4 @@
-"""Wrappers that change the reward: its weights, or its terms."""
+"""Wrappers that change the weights or the terms of the reward."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, SupportsFloat
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.envs.config import RewardWeight
+from sb3_piano.envs.terms import RewardWeight
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.settings import Count, Index, Share, checked, refuse_unknown
@@ -19,7 +19,7 @@ RewardTerms = Mapping[str, float]
 
 
 class RewardTermsWrapper(gym.Wrapper[Any, Any, Any, Any]):
-    """Change the weights of the reward's terms, or the terms themselves.
+    """Base of wrappers that change reward weights or reward terms.
 
     The reward is the sum of ``weight * term``; ``info["reward_terms"]`` has the terms as they are
     after this wrapper. Several of these wrappers work together: each changes what those inside it
@@ -35,22 +35,22 @@ class RewardTermsWrapper(gym.Wrapper[Any, Any, Any, Any]):
 
     @property
     def inner_weights(self) -> Mapping[str, float]:
-        """The weights of the terms as they are inside of this wrapper."""
+        """Weights of the terms inside this wrapper."""
         for inside in self.inner_wrappers():
             return inside.reward_weights
         return self._piano.config.reward_weights
 
     @property
     def reward_weights(self) -> Mapping[str, float]:
-        """The weights of the terms in the control step that was played last."""
+        """Weights of the terms in the last control step."""
         return self.inner_weights
 
     def inner_wrappers(self) -> Iterator[RewardTermsWrapper]:
-        """Return the wrappers of this kind inside of this one, the outermost first."""
+        """Return the wrappers of this kind inside this one, the outermost first."""
         return (layer for layer in layers(self.env) if isinstance(layer, RewardTermsWrapper))
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:
-        """Return the terms of the control step that was just played, changed."""
+        """Return the changed terms of the last control step."""
         return terms
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -80,12 +80,12 @@ def weighted_sum(weights: Mapping[str, float], terms: RewardTerms) -> float:
 
 
 class RewardWeights(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
-    """Weight terms of the reward in another way.
+    """Set weights of reward terms by name.
 
-    The rewards are exactly those of an environment that is made with ``reward_weights``. Other than
-    that, it leaves the metrics ``return_<term>`` and ``normalized_return`` as they were. A
-    :class:`~sb3_piano.wrappers.FingeringDecay` belongs outside of a ``RewardWeights`` with
-    ``fingering``, which would otherwise overrule it.
+    The rewards equal those of an environment made with ``reward_weights``; unlike there, the
+    metrics ``return_<term>`` and ``normalized_return`` stay unchanged. Put a
+    :class:`~sb3_piano.wrappers.FingeringDecay` outside of a ``RewardWeights`` with ``fingering``,
+    which would otherwise overrule it.
 
     Args:
         env: A piano environment, wrapped or not.
@@ -105,16 +105,16 @@ class RewardWeights(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
 
     @property
     def reward_weights(self) -> Mapping[str, float]:
-        """The weights of the terms."""
+        """Weights of the terms."""
         return {**self.inner_weights, **self._weights}
 
 
 class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
-    """Let the fingering term count less and less while the training goes on.
+    """Lower the weight of the fingering term during the training.
 
-    Its weight falls linearly from what it is inside of this wrapper, in the ``start``-th control
-    step, to ``final`` in the ``n_steps``-th one after, and stays there. Fingers are then guided to
-    their keys at first, and free to find better ones later.
+    The weight falls linearly from its value inside this wrapper, in control step ``start``, to
+    ``final``, ``n_steps`` control steps later, and stays there. Labels guide fingers to their keys
+    at first; later the policy may find better fingers.
 
     Steps are those of this environment, counted by ``env.unwrapped.total_steps``, also over
     episodes. Of several environments each counts its own: for a decay over N steps of a training
@@ -124,7 +124,7 @@ class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
     Args:
         env: A piano environment, wrapped or not.
         n_steps: Control steps of this environment from the first weight to the last, at least 1.
-        final: The weight in the end.
+        final: Weight at the end.
         start: Control steps before the weight begins to fall, at least 0.
 
     Raises:
@@ -143,7 +143,7 @@ class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
 
     @property
     def reward_weights(self) -> Mapping[str, float]:
-        """The weights of the terms in the control step that was played last."""
+        """Weights of the terms in the last control step."""
         weights = self.inner_weights
         share = min(max((self._piano.total_steps - self._start) / self._n_steps, 0.0), 1.0)
         fingering = (1.0 - share) * weights["fingering"] + share * self._final
@@ -151,16 +151,15 @@ class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
 
 
 TIERED_TERMS = ("energy", "forearm")
-"""The terms that have to be earned by pressing keys."""
+"""Terms that count only while the keys are pressed well."""
 
 
 class RewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
-    """Let energy and forearms count only in control steps in which the keys are pressed well.
+    """Count energy and forearms only in control steps with well pressed keys.
 
-    Where ``key_press`` is not above the threshold, the terms ``energy`` and ``forearm`` are 0:
-    nothing is earned by forearms that keep apart, and no energy is paid for either. ``key_press``
-    is taken as it arrives, so that of a :class:`~sb3_piano.wrappers.KeyRewardTiering` inside it is
-    the tiered one.
+    While ``key_press`` is not above the threshold, the terms ``energy`` and ``forearm`` are 0.
+    ``key_press`` is taken as it arrives: with a :class:`~sb3_piano.wrappers.KeyRewardTiering`
+    inside it is the tiered one.
 
     Source: RoboVirtuoso, section 6, "reward tiering". It gives no number; the default is that of
     its authors' code. In steps in which nothing is due ``key_press`` is 0.5 at most, so that they
@@ -170,7 +169,7 @@ class RewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
 
     Args:
         env: A piano environment, wrapped or not.
-        threshold: What ``key_press`` must exceed for the terms to count, in [0, 1].
+        threshold: Lower bound of ``key_press`` for the terms to count, in [0, 1].
 
     Raises:
         ConfigError: If ``threshold`` is out of range, or ``env`` is no piano or has no hands.
@@ -183,7 +182,7 @@ class RewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         refuse_unknown(TIERED_TERMS, self.inner_weights, "reward term")
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:
-        """Return the terms, with 0 for those that are not earned."""
+        """Return the terms, with 0 for unearned terms."""
         if terms["key_press"] > self._threshold:
             return terms
         return {**terms, **dict.fromkeys(TIERED_TERMS, 0.0)}
@@ -213,8 +212,8 @@ class KeyRewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         super().__init__(env)
         if any(isinstance(layer, KeyRewardTiering) for layer in self.inner_wrappers()):
             raise ConfigError(
-                "KeyRewardTiering wraps another one, which has changed the term it goes by: "
-                "expected one of them."
+                "KeyRewardTiering wraps another one, which has already tiered key_press: expected "
+                "only one of them."
             )
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:

@@ -1,4 +1,4 @@
-"""Bases of all wrappers that change what is played."""
+"""Bases of all wrappers that change the score."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from sb3_piano.wrappers.piano import piano_of
 
 @dataclass(frozen=True)
 class ScorePlan:
-    """Changes that all wrappers around an environment make to the score of an episode."""
+    """Changes of all wrappers around an environment to the score of an episode."""
 
     choose: Callable[[np.random.Generator], Score] | None = None
-    """Source of a score in place of the environment's own, if there is one."""
+    """Source of a score in place of the environment's own, or ``None``."""
     changes: tuple[ScoreTransform, ...] = ()
-    """Changes that are then made, one after the other."""
+    """Changes to that score, in order."""
 
     @classmethod
     def of(cls, transform: ScoreTransform | None) -> ScorePlan:
-        """Return what the option ``transform`` stands for, whoever gave it."""
+        """Return the plan of the option ``transform`` of ``reset``."""
         if transform is None:
             return cls()
         return transform if isinstance(transform, cls) else cls(changes=(transform,))
 
     def __call__(self, score: Score, random: np.random.Generator) -> Score:
-        """Return what is played, as a :data:`~sb3_piano.envs.ScoreTransform` does."""
+        """Apply the plan, as a :data:`~sb3_piano.envs.ScoreTransform` does."""
         if self.choose is not None:
             score = self.choose(random)
         for change in self.changes:
@@ -45,10 +45,10 @@ class ScorePlan:
 
 @dataclass(frozen=True, kw_only=True)
 class FixedScore(ScorePlan):
-    """Plan of an episode that plays a given score, whatever wrappers add to the plan."""
+    """Plan that plays a given score and ignores the wrappers' changes."""
 
     score: Score
-    """What is played."""
+    """Score to play."""
 
     def __call__(self, score: Score, random: np.random.Generator) -> Score:
         """Return the given score."""
@@ -59,18 +59,18 @@ class FixedScore(ScorePlan):
 class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Change the score of each episode.
 
-    The change is handed down through ``reset`` as the option ``transform``, and made by the
-    environment itself with its own random generator, once it is seeded: equal seeds give equal
-    pieces. Of several such wrappers the outermost acts first. A score given in
-    ``reset(options={"score": ...})`` is changed like the environment's own.
+    The change goes through ``reset`` as the option ``transform``. The environment applies it with
+    its own random generator, once it is seeded: equal seeds give equal pieces. Of several such
+    wrappers the outermost acts first. A score given in ``reset(options={"score": ...})`` is
+    changed, too.
     """
 
     chooses_piece: bool = False
-    """Whether this wrapper chooses what is played in place of the environment's own piece."""
+    """Whether this wrapper replaces the environment's own piece."""
     cuts: bool = False
-    """Whether this wrapper leaves out notes by their times."""
+    """Whether this wrapper drops notes by their times."""
     draws_times: bool = False
-    """Whether the times of the changed score differ between episodes, or may."""
+    """Whether the times of the changed score may differ between episodes."""
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
@@ -78,11 +78,11 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
 
     @property
     def sources(self) -> Sequence[Score] | None:
-        """Scores in place of the environment's own; ``None`` if this wrapper keeps that."""
+        """Scores in place of the environment's own; ``None`` if this wrapper keeps it."""
         return None
 
     def change(self, score: Score, random: np.random.Generator) -> Score:
-        """Return what is played in place of a score; by default the score as it is.
+        """Return the changed score; by default the score itself.
 
         Raises:
             ScoreError: If the score does not allow the change.
@@ -91,7 +91,7 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
         return score
 
     def extremes(self, score: Score) -> Sequence[Score]:
-        """Return scores with the lowest and the highest pitch that :meth:`change` may lead to.
+        """Return scores with the lowest and the highest pitch that :meth:`change` can return.
 
         Whatever lies between the lowest and the highest pitch of ``score`` must be changed into
         something that lies between those of the result, so that they hold for parts of it too.
@@ -110,13 +110,13 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.reset(seed=seed, options=options)
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
-        """Return the plan of the wrappers further out, with this one's part added to it."""
+        """Add this wrapper's change to the plan of the outer wrappers."""
         del options  # the change is the same for every score
         return replace(plan, changes=(*plan.changes, self.change))
 
 
 def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
-    """Return scores with the lowest and the highest pitch that an environment may ask for.
+    """Return scores with the lowest and the highest possible pitch of an environment.
 
     Scores that are given to ``reset`` are not among them, nor what wrappers further out would
     change. Of a piece from which a drawn part is played, or a part after a drawn change of times,
@@ -147,12 +147,12 @@ _REMEMBERED = 16
 
 
 class ScoreChange(ScoreWrapper, ABC):
-    """Change each score by a value, which may be another one in each episode.
+    """Base of wrappers that change each score by a value, fixed or drawn.
 
     With a ``probability`` below 1 the other episodes play the score as it is.
 
-    The same change of the same score gives the same object for as long as it is among the last 16.
-    The environment then keeps the goal that it has prepared of it.
+    The last 16 changed scores are cached and returned as the same objects, so that the environment
+    keeps its prepared goal.
     """
 
     def __init__(self, env: gym.Env[Any, Any], probability: float = 1.0) -> None:
@@ -162,11 +162,11 @@ class ScoreChange(ScoreWrapper, ABC):
 
     @abstractmethod
     def draw(self, score: Score, random: np.random.Generator) -> Any:
-        """Return by what a score is changed in this episode."""
+        """Return the value of this episode's change."""
 
     @abstractmethod
     def extreme_values(self, score: Score) -> Sequence[Any]:
-        """Return by what a score must be changed for :meth:`extremes`."""
+        """Return the values of the change for :meth:`extremes`."""
 
     @abstractmethod
     def changed(self, score: Score, value: Any) -> Score:
@@ -177,14 +177,14 @@ class ScoreChange(ScoreWrapper, ABC):
         """
 
     def change(self, score: Score, random: np.random.Generator) -> Score:
-        """Return a score changed by the value that is drawn, or the score as it is."""
+        """Return a score changed by the drawn value, or the score itself."""
         # Nothing is drawn for a certain change: seeds give the pieces that they gave without it.
         if self._probability < 1 and random.random() >= self._probability:
             return score
         return self._remembered(score, self.draw(score, random))
 
     def extremes(self, score: Score) -> list[Score]:
-        """Return a score changed by the extreme values, and as it is where it may stay so."""
+        """Return a score changed by the extreme values, and itself if it may stay unchanged."""
         unchanged = [score] if self._probability < 1 else []
         if self._probability == 0:
             return unchanged

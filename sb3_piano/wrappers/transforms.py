@@ -1,4 +1,4 @@
-"""Pieces shifted along the keyboard, or played slower or faster."""
+"""Wrappers that shift pieces along the keyboard or stretch them in time."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class KeyShift(ScoreChange):
         return [_clamp(lowest, *_room(score)), _clamp(highest, *_room(score))]
 
     def changed(self, score: Score, value: int) -> Score:
-        """Return the score shifted by so many semitones."""
+        """Return the score shifted by a number of semitones."""
         return score.transpose(value)
 
 
@@ -85,7 +85,7 @@ class PitchShift(KeyShift, gym.utils.RecordConstructorArgs):
 
 
 def _room(score: Score) -> tuple[int, int]:
-    """Return the lowest and the highest shift that keeps a piece on the keyboard, semitones."""
+    """Return the lowest and the highest shift on the keyboard, semitones."""
     lowest, highest = score.pitch_range
     return MIN_PITCH - lowest, MAX_PITCH - highest
 
@@ -184,7 +184,7 @@ class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
 
 
 def _ends(name: str, value: Any, kind: Any) -> tuple[Any, Any, bool]:
-    """Return the lowest and the highest number of an argument, and whether one is drawn."""
+    """Return the ends of an argument's range, and whether a value is drawn."""
     if isinstance(value, str) or not isinstance(value, Sequence):
         only = checked(name, value, kind)
         return only, only, False

@@ -5,13 +5,12 @@ import copy
 import numpy as np
 import pytest
 import torch
-from acting import ActAt
+from acting import ActAt, Noted
 from episodes import as_dict
 from sb3_contrib import TQC, CrossQ
 from scripted import tiny, tiny_ppo
 from short_scores import score_of
 from stable_baselines3 import SAC, TD3
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from sb3_piano.callbacks import ActionSearchCallback, F1Callback
@@ -33,21 +32,13 @@ def learner(env=None, algorithm=SAC, **arguments):
     return tiny(piano() if env is None else env, algorithm, **{**settings, "seed": 0, **arguments})
 
 
-class Look(BaseCallback):
-    """Call a function in a step of a training, with the model."""
-
-    def __init__(self, look, at=15):
-        super().__init__()
-        self._look, self._at = look, at
-
-    def _on_step(self):
-        if self.n_calls == self._at:
-            self._look(self.model)
-        return True
+def looking(look, at=15):
+    """Return what calls a function in a step of a training, with the model."""
+    return Noted(lambda own: look(own.model) if own.n_calls == at else None)
 
 
 def looked_at(callback, look, **arguments):
-    learner(**arguments).learn(20, callback=[callback, Look(look)])
+    learner(**arguments).learn(20, callback=[callback, looking(look)])
 
 
 def test_after_an_interrupted_training_another_one_searches_anew():
@@ -148,7 +139,7 @@ def test_nothing_is_expected_after_the_last_control_step():
 
     steps = len(piano().unwrapped.roll)
     search = ActionSearchCallback(candidates=3, score="simulation")
-    learner().learn(steps - 1, callback=[search, Look(look, at=steps - 1)])
+    learner().learn(steps - 1, callback=[search, looking(look, at=steps - 1)])
 
 
 def test_a_high_temperature_draws_all_and_a_low_one_the_best():

@@ -13,6 +13,7 @@ from scripted import log_lines, on_pieces, series, tiny, tiny_ppo
 from stable_baselines3 import DDPG, SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint, LevelReplayCallback
 from sb3_piano.callbacks.level_replay import advantages
@@ -21,8 +22,6 @@ from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.training import RunConfig, resume, train
 from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
 from sb3_piano.wrappers import HandActions, HandReward, RandomPiece
-
-CALLBACK = "sb3_piano.callbacks.LevelReplayCallback"
 
 
 def piece(title, steps):
@@ -346,22 +345,7 @@ def config(tmp_path):
     """Settings of a tiny SAC with level replay on three files."""
     for score in THREE:
         write_midi(score, tmp_path / f"{score.title}.mid")
-    return RunConfig(
-        algo="sac",
-        env_id="RoboPianist-v0",
-        n_timesteps=120,
-        seed=1,
-        pieces=str(tmp_path / "*.mid"),
-        env_kwargs={"physics": "fast", "n_steps_lookahead": 0},
-        callback=[{CALLBACK: {"beta": 1.0}}],
-        algorithm_kwargs={
-            "policy_kwargs": {"net_arch": [8]},
-            "learning_starts": 20,
-            "batch_size": 8,
-            "buffer_size": 300,
-            "device": "cpu",
-        },
-    )
+    return RunConfig(pieces=str(tmp_path / "*.mid"), **Tables(__file__)["settings"])
 
 
 def saved_state(run):

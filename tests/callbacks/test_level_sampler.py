@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from yaml_rows import Tables
 
 from sb3_piano.callbacks.level_sampler import Level, LevelSampler, gini, score_shares
 from sb3_piano.exceptions import ConfigError
+
+tables = Tables(__file__)
 
 
 def sampler_of(scores, beta=0.5, rho=0.3):
@@ -139,14 +142,7 @@ class TestState:
     def test_it_survives_json(self):
         sampler = sampler_of({"a": 1.5, "b": None, "c": 0.25})
         state = json.loads(json.dumps(sampler.state_dict()))
-        assert state == {
-            "samples": 2,
-            "levels": {
-                "a": {"score": 1.5, "visits": 1, "last": 1},
-                "b": {"score": None, "visits": 0, "last": 0},
-                "c": {"score": 0.25, "visits": 1, "last": 2},
-            },
-        }
+        assert state == tables["state"]
         other = LevelSampler(["z"])
         other.load_state_dict(state)
         assert other.state_dict() == state
@@ -161,17 +157,7 @@ class TestState:
         assert sampler.levels["b"] == Level(score=2.0, visits=1, last=2)
         assert sampler.levels["c"] == Level()
 
-    @pytest.mark.parametrize(
-        ("state", "message"),
-        [
-            ({}, "The state of a level sampler has nothing: expected samples and levels"),
-            ({"samples": 1}, "has samples: expected samples and levels"),
-            ({"samples": -1, "levels": {}}, "samples is -1: expected a whole number"),
-            ({"samples": 1, "levels": [1]}, "levels is .*: expected a mapping"),
-            ({"samples": 1, "levels": {"a": {"score": -1.0}}}, "score is -1.0: expected"),
-            ({"samples": 1, "levels": {"a": {"hits": 2}}}, "Unknown setting 'hits'"),
-        ],
-    )
+    @tables("state, message")
     def test_what_is_no_state_is_refused(self, state, message):
         sampler = sampler_of({"a": 1.0})
         with pytest.raises(ConfigError, match=message):

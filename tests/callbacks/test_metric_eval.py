@@ -2,31 +2,34 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
-from acting import ActAt
+from acting import ActAt, Noted
 from gymnasium.wrappers import TimeLimit
 from scripted import NoisyEnv, ScriptedEnv, log_lines, series, tiny, vector_of, with_f1
 from stable_baselines3 import TD3
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
+from yaml_rows import Tables
 
-from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
+from sb3_piano.callbacks import (
+    EpisodeMetricsCallback,
+    F1Callback,
+    MetricEvalCallback,
+    OnsetF1Callback,
+)
 from sb3_piano.exceptions import ConfigError, RunError
 
+tables = Tables(__file__)
 
-class Note(BaseCallback):
-    """Note down the step and what the parent says."""
 
-    def __init__(self):
-        super().__init__()
-        self.seen = []
-
-    def _on_step(self):
-        self.seen.append((self.num_timesteps, self.parent.best_mean_reward))
-        return True
+def noted():
+    """Return a callback that notes the step and what the parent says."""
+    return Noted(lambda own: (own.num_timesteps, own.parent.best_mean_reward))
 
 
 @pytest.fixture
@@ -55,6 +58,22 @@ def test_each_evaluation_logs_the_metrics_beside_what_sb3_logs_at_its_step(model
         assert series(lines, f"eval/{name}") == pytest.approx({7: mean, 14: mean})
     assert series(lines, "eval/mean_ep_length") == {7: 5.0, 14: 5.0}
     assert not [name for line in lines for name in line if "other" in name]
+
+
+@pytest.mark.parametrize("metric", ["f1", "precision"])
+def test_the_console_shows_few_metrics_and_the_files_all(metric, tmp_path, capsys):
+    info = {"f1": 0.1, "onset_f1": 0.5, "noop_f1": 0.3, "precision": 0.4, "finger_share_r1": 0.25}
+    model = tiny(ScriptedEnv([info]))
+    model.set_logger(configure(str(tmp_path), ["stdout", "csv"]))
+    kind = type("Own", (MetricEvalCallback,), {"metric": metric})
+    found = kind(Monitor(ScriptedEnv([info])), eval_freq=5)
+    model.learn(10, callback=[found, EpisodeMetricsCallback()], log_interval=1)
+    printed = set(re.findall(r"\|\s+([a-z_0-9]+)\s+\|", capsys.readouterr().out))
+    assert {"f1", "onset_f1", "noop_f1", metric} == printed & info.keys()
+    written = (tmp_path / "progress.csv").read_text()
+    assert all(f"eval/{name}" in written for name in info)
+    assert "music/precision" in written
+    assert "fingers/r1" in written
 
 
 @pytest.mark.parametrize("n_envs", [1, 3])
@@ -235,7 +254,7 @@ def test_a_damaged_note_beside_the_best_model_is_named(model, tmp_path, content,
 
 
 def test_children_see_the_metric_as_the_parents_best(model):
-    new_best, after = Note(), Note()
+    new_best, after = noted(), noted()
     callback = evaluating(
         0.2, 0.6, 0.4, callback_on_new_best=new_best, callback_after_eval=CallbackList([after])
     )
@@ -251,15 +270,7 @@ def test_a_child_that_returns_false_ends_the_training(model, event):
     assert model.num_timesteps == 5
 
 
-@pytest.mark.parametrize(
-    ("values", "patience", "steps"),
-    [
-        ((0.1, 0.5, 0.9), 1, 10),
-        ((0.6, 0.4, 0.5, 0.6, 0.1), 2, 20),
-        ((0.6, 0.4, 0.6, 0.4, 0.6), 2, 25),
-        ((0.6, math.nan, 0.6, 0.6, 0.6), 3, 25),
-    ],
-)
+@tables("values, patience, steps")
 def test_a_threshold_that_is_held_ends_the_training(model, values, patience, steps):
     model.learn(25, evaluating(*values, stop_threshold=0.5, stop_patience=patience))
     assert model.num_timesteps == steps
@@ -287,18 +298,13 @@ def test_a_given_environment_is_left_open_and_its_own_is_closed(model):
     model.learn(5, F1Callback(Monitor(given), eval_freq=5))
     assert not given.closed
 
-    class Spy(BaseCallback):
-        def _on_step(self):
-            self.env = self.parent.eval_env.envs[0].unwrapped
-            return True
-
-    spy = Spy()
+    spy = Noted(lambda own: own.parent.eval_env.envs[0].unwrapped)
     callback = F1Callback(eval_freq=5, callback_after_eval=spy)
     for _ in range(2):  # a second training makes a second one
         training = with_f1(0.1)
         tiny(training).learn(5, callback)
-        assert spy.env is not training
-        assert (spy.env.ended, spy.env.closed) == (1, True)
+        assert spy.seen[-1] is not training
+        assert (spy.seen[-1].ended, spy.seen[-1].closed) == (1, True)
     callback.on_training_end()  # RL Zoo does so twice
     assert not training.closed
 

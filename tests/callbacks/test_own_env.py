@@ -28,9 +28,9 @@ import sb3_piano.layers
 from sb3_piano.callbacks import F1Callback, OnsetF1Callback
 from sb3_piano.callbacks.own_env import (
     RunContext,
-    hand_over,
     make_own_env,
     preserve_random_state,
+    set_run_context,
     sync_normalization,
 )
 from sb3_piano.exceptions import ConfigError
@@ -199,13 +199,13 @@ def test_every_callback_that_asks_is_told():
         EvalCallback(NoisyEnv(), asking[2], asking[3]),
         F1Callback(callback_on_new_best=CallbackList([asking[4]])),
     ]
-    hand_over(RUN, callbacks)
+    set_run_context(RUN, callbacks)
     assert [callback.run for callback in asking] == [RUN] * 5
 
 
 def test_the_best_model_goes_into_the_runs_folder_unless_told_otherwise():
     callbacks = [F1Callback(), OnsetF1Callback(), F1Callback(best_model_save_path="mine")]
-    hand_over(RUN, callbacks)
+    set_run_context(RUN, callbacks)
     paths = [callback.best_model_save_path for callback in callbacks]
     assert paths == [str(Path("runs/1/best_f1")), str(Path("runs/1/best_onset_f1")), "mine"]
 
@@ -224,7 +224,7 @@ def test_the_environment_is_the_runs_and_closed_at_the_end(tmp_path):
         return vector_of(lambda: made[-1], vec_env_cls=ThreadVecEnv)  # other than the training's
 
     callback = F1Callback(eval_freq=5)
-    hand_over(RunContext(folder=tmp_path, make_env=make_env), [callback])
+    set_run_context(RunContext(folder=tmp_path, make_env=make_env), [callback])
     tiny(NoisyEnv()).learn(10, callback)
     assert len(callback.evaluations_metrics) == 2
     assert len(made) == 1

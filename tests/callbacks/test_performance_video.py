@@ -11,7 +11,7 @@ from short_scores import score_of
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.callbacks import PerformanceVideoCallback
-from sb3_piano.callbacks.own_env import RunContext, hand_over
+from sb3_piano.callbacks.own_env import RunContext, set_run_context
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.simulation.gl import find_gl_backend
@@ -116,7 +116,7 @@ def test_a_run_gives_the_folder_and_the_environment(tmp_path):
         PerformanceVideoCallback(4),
         PerformanceVideoCallback(4, folder=str(tmp_path / "mine")),
     ]
-    hand_over(RunContext(folder=tmp_path, make_env=make_env), callbacks)
+    set_run_context(RunContext(folder=tmp_path, make_env=make_env), callbacks)
     tiny(piano()).learn(4, callbacks)
     assert (tmp_path / "videos" / "step_4.wav").is_file()
     assert (tmp_path / "mine" / "step_4.wav").is_file()
@@ -144,7 +144,7 @@ class Shaken(gym.ActionWrapper):
 
 
 def shaken_piano():
-    return Shaken(PianoEnv(score=SCORE, physics="fast", observation="window"))
+    return Shaken(piano())
 
 
 @pytest.fixture

@@ -3,27 +3,18 @@
 import numpy as np
 import pytest
 import torch
+from acting import Noted
 from sb3_contrib import TQC, CrossQ
 from scripted import tiny, weights_of
 from stable_baselines3 import SAC, TD3
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_piano.buffers import CyclingReplayBuffer
 from sb3_piano.callbacks import QValueCallback
 
 
-class LastLogged(BaseCallback):
-    """Keep what is logged under a name."""
-
-    def __init__(self):
-        super().__init__()
-        self.values = []
-
-    def _on_step(self):
-        if "train/q_value" in self.logger.name_to_value:
-            self.values.append(self.logger.name_to_value["train/q_value"])
-        return True
+def last_logged():
+    return Noted(lambda own: own.logger.name_to_value.get("train/q_value"))
 
 
 def trained(algorithm, callbacks, steps=90, env="Pendulum-v1", **settings):
@@ -34,10 +25,10 @@ def trained(algorithm, callbacks, steps=90, env="Pendulum-v1", **settings):
 
 @pytest.mark.parametrize("algorithm", [SAC, TD3, TQC, CrossQ])
 def test_the_value_is_logged_and_the_training_is_the_same(algorithm):
-    seen = LastLogged()
-    model = trained(algorithm, [QValueCallback(every=20), seen])
-    assert len(set(seen.values)) == 2  # after 60 and 80 steps; after 20 and 40 nothing is learnt
-    assert np.isfinite(seen.values).all()
+    noted = last_logged()
+    model = trained(algorithm, [QValueCallback(every=20), noted])
+    assert len(set(noted.seen)) == 2  # after 60 and 80 steps; after 20 and 40 nothing is learnt
+    assert np.isfinite(noted.seen).all()
     plain = trained(algorithm, None)
     torch.testing.assert_close(weights_of(model), weights_of(plain), rtol=0, atol=0)
 
@@ -60,12 +51,12 @@ def test_a_model_that_is_loaded_goes_on_as_without_it(tmp_path):
 
 
 def test_the_value_is_that_of_the_smaller_critic_at_the_actions_taken():
-    seen = LastLogged()
-    model = trained(SAC, [QValueCallback(every=1), seen], steps=70)
+    noted = last_logged()
+    model = trained(SAC, [QValueCallback(every=1), noted], steps=70)
     for critic, value in zip(model.critic.q_networks, (5.0, -7.0), strict=True):
         torch.nn.init.zeros_(critic[-1].weight)
         torch.nn.init.constant_(critic[-1].bias, value)
     model.learning_rate, model.lr_schedule = 0.0, lambda _: 0.0
-    seen.values.clear()
-    model.learn(2, callback=[QValueCallback(every=1), seen], reset_num_timesteps=False)
-    assert seen.values[0] == pytest.approx(-7.0)
+    noted.seen.clear()
+    model.learn(2, callback=[QValueCallback(every=1), noted], reset_num_timesteps=False)
+    assert noted.seen[0] == pytest.approx(-7.0)

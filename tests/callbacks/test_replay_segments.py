@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
+from yaml_rows import Tables
 
 from sb3_piano.callbacks.replay_segments import (
     ReplaySegments,
@@ -14,6 +15,8 @@ from sb3_piano.callbacks.replay_segments import (
     restore_replay_buffer,
 )
 from sb3_piano.exceptions import RunError
+
+tables = Tables(__file__)
 
 OBSERVATIONS = spaces.Box(-1.0, 1.0, (3,), dtype=np.float32)
 ACTIONS = spaces.Box(-1.0, 1.0, (2,), dtype=np.float32)
@@ -49,18 +52,10 @@ def train_and_save(folder, buffer, additions, rng):
     return manifest
 
 
-@pytest.mark.parametrize(
-    ("additions", "spans"),
-    [
-        ((4, 3), [(0, 4), (4, 7)]),
-        ((4, 0), [(0, 4)]),  # no new rows, no file
-        ((4, 4, 6), [(4, 8), (8, 14)]),  # 14 rows were added, 10 fit: 0 to 3 are gone
-        ((4, 25), [(19, 29)]),
-    ],
-)
+@tables("additions, spans")
 def test_each_write_holds_only_the_new_rows_that_are_still_there(tmp_path, additions, spans):
     manifest = train_and_save(tmp_path, make_buffer(), additions, np.random.default_rng(1))
-    assert [(s.first, s.last) for s in manifest.segments] == spans
+    assert [[s.first, s.last] for s in manifest.segments] == spans
     for (first, last), segment in zip(spans, manifest.segments, strict=True):
         with np.load(tmp_path / segment.file) as rows:
             assert rows["observations"].shape == (last - first, 1, 3)

@@ -3,10 +3,12 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.wrappers import RescaleAction
 from linear_players import Ending, pendulum
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.vec_env import DummyVecEnv
+from yaml_rows import Tables
 
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import DemonstrationsCallback
@@ -39,10 +41,6 @@ class Replaying(TD3):
 def model_on(env, algorithm=TD3, **options):
     shared = {"buffer_size": 200, "policy_kwargs": {"net_arch": [4]}, "device": "cpu", "seed": 0}
     return algorithm("MlpPolicy", env, **{**shared, **options})
-
-
-def on_policy_model():
-    return PPO("MlpPolicy", pendulum(), n_steps=8, batch_size=8, device="cpu")
 
 
 def arrays_of(buffer):
@@ -138,26 +136,16 @@ def test_a_training_that_goes_on_does_not_get_the_data_set_again(pendulum_data):
     assert model.replay_buffer.size() == 70
 
 
-@pytest.mark.parametrize(
-    ("model", "message"),
-    [
-        (on_policy_model, "A PPO has no replay buffer: expected"),
-        (
-            lambda: model_on(gym.make("MountainCarContinuous-v0")),
-            r"observations of shape \(3,\), the model of shape \(2,\)",
-        ),
-        (
-            lambda: model_on(gym.wrappers.RescaleAction(pendulum(), np.float32(-1), np.float32(1))),
-            "actions from -2.0 to 2.0 .* the model from -1.0 to 1.0",
-        ),
-        (
-            lambda: model_on(pendulum(), buffer_size=59),
-            "has 60 transitions, the replay buffer room for 59",
-        ),
-    ],
-    ids=["no buffer", "other observations", "other action ranges", "too small"],
-)
+UNFIT = {
+    "no buffer": lambda: PPO("MlpPolicy", pendulum(), n_steps=8, batch_size=8, device="cpu"),
+    "other observations": lambda: model_on(gym.make("MountainCarContinuous-v0")),
+    "other action ranges": lambda: model_on(RescaleAction(pendulum(), *np.float32([-1, 1]))),
+    "too small": lambda: model_on(pendulum(), buffer_size=59),
+}
+
+
+@Tables(__file__)("model, message")
 def test_a_model_that_does_not_fit_the_data_set_is_refused(pendulum_data, model, message):
     pendulum_data()
     with pytest.raises(ConfigError, match=message):
-        fill_replay_buffer(model(), NAME)
+        fill_replay_buffer(UNFIT[model](), NAME)

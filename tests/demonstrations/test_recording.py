@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from linear_players import Ending, Linear, pendulum
 from minari.namespace import list_local_namespaces
+from yaml_rows import Tables
 
 from sb3_piano.demonstrations import EXPERT_ACTION, PerturbedStart, open_dataset, record
 from sb3_piano.envs import PianoEnv
@@ -20,7 +21,15 @@ from sb3_piano.music import load_score
 from sb3_piano.players.sampling import PredictiveSampling
 from sb3_piano.unfinished import own
 
+tables = Tables(__file__)
+
 NAME = "robopianist/two-notes/linear-v0"
+
+
+def recorded(env=None, **options):
+    """Record a linear player, of the Pendulum unless told otherwise."""
+    env = env or pendulum()
+    return record(Linear(env), env, NAME, **options)
 
 
 def notes_of(dataset):
@@ -46,8 +55,7 @@ def all_arrays(dataset):
 
 
 def test_the_recorded_actions_from_the_recorded_seed_give_the_same_again(piano):
-    env = PerturbedStart(piano(), 0.05)
-    record(Linear(env), env, NAME, episodes=3, noise=[0.0, 0.1])
+    recorded(PerturbedStart(piano(), 0.05), episodes=3, noise=[0.0, 0.1])
     dataset = minari.load_dataset(NAME)
     again = dataset.recover_environment()
     assert len(dataset) == 3
@@ -79,12 +87,11 @@ def test_the_label_is_what_the_policy_would_do_in_the_disturbed_state(piano):
 
 
 def test_noises_take_turns_and_are_noted(piano):
-    env = piano()
     told = []
-    recorded = record(Linear(env), env, NAME, episodes=5, noise=[0.0, 0.2], on_episode=told.append)
-    assert [notes["noise"] for notes in notes_of(recorded.dataset)] == [0, 0.2, 0, 0.2, 0]
-    assert tuple(told) == recorded.episodes
-    assert not recorded.interrupted
+    found = recorded(piano(), episodes=5, noise=[0.0, 0.2], on_episode=told.append)
+    assert [notes["noise"] for notes in notes_of(found.dataset)] == [0, 0.2, 0, 0.2, 0]
+    assert tuple(told) == found.episodes
+    assert not found.interrupted
 
 
 def test_equal_seeds_record_the_same_and_others_something_else(piano):
@@ -102,7 +109,7 @@ def test_equal_seeds_record_the_same_and_others_something_else(piano):
 
 def test_the_environment_for_evaluation_is_undisturbed_and_otherwise_the_same(piano, piece):
     env = PerturbedStart(piano(initial_buffer_time=0.1), 0.05)
-    dataset = record(Linear(env), env, NAME).dataset
+    dataset = recorded(env).dataset
     clean = dataset.recover_environment(eval_env=True)
     assert isinstance(clean.unwrapped, PianoEnv)
     assert clean.unwrapped.config == env.unwrapped.config
@@ -113,8 +120,7 @@ def test_the_environment_for_evaluation_is_undisturbed_and_otherwise_the_same(pi
 
 
 def test_the_data_set_says_where_it_is_from(piano):
-    env = piano()
-    dataset = record(Linear(env), env, NAME, noise=[0.0, 0.1], seed=3, policy_name="line").dataset
+    dataset = recorded(piano(), noise=[0.0, 0.1], seed=3, policy_name="line").dataset
     found = dataset.storage.metadata
     assert found["algorithm_name"] == "line"
     assert found["sb3_piano"]["version"] in found["requirements"][0]
@@ -126,8 +132,7 @@ def test_the_data_set_says_where_it_is_from(piano):
 
 
 def test_an_episode_that_ends_by_itself_is_not_truncated():
-    env = Ending(pendulum(), 7)
-    [episode] = record(Linear(env), env, NAME).dataset
+    [episode] = recorded(Ending(pendulum(), 7)).dataset
     assert list(episode.terminations) == [False] * 6 + [True]
     assert not episode.truncations.any()
 
@@ -135,32 +140,26 @@ def test_an_episode_that_ends_by_itself_is_not_truncated():
 def test_a_score_without_a_name_cannot_be_made_again(piece):
     env = gym.make("RoboPianist-v0", score=load_score(piece), physics="fast")
     with pytest.warns(UserWarning, match="Score is not JSON serializable"):
-        dataset = record(Linear(env), env, NAME).dataset
+        dataset = recorded(env).dataset
     assert dataset.env_spec is None
     assert len(dataset[0]) == 13
 
 
 def test_a_name_that_is_taken_is_refused_unless_it_may_be_overwritten(datasets):
-    env = pendulum()
-    record(Linear(env), env, NAME, episodes=2)
+    recorded(episodes=2)
     with pytest.raises(ConfigError, match=f"'{NAME}' already, in .*: expected a new name"):
-        record(Linear(env), env, NAME)
+        recorded()
     assert len(minari.load_dataset(NAME)) == 2
-    record(Linear(env), env, NAME, episodes=3, overwrite=True)
+    recorded(episodes=3, overwrite=True)
     assert len(minari.load_dataset(NAME)) == 3
     assert [path.name for path in datasets.iterdir()] == ["robopianist"]
 
 
 def test_a_name_that_is_being_recorded_is_refused(datasets):
-    env = pendulum()
-
-    def record_again(notes):
-        record(Linear(env), env, NAME)
-
     with pytest.raises(RunError, match=f"'{NAME}' is being recorded by .*: expected a new name"):
-        record(Linear(env), env, NAME, on_episode=record_again)
+        recorded(on_episode=lambda notes: recorded())
     assert list(datasets.iterdir()) == []
-    record(Linear(env), env, NAME)
+    recorded()
 
 
 class Breaking(Linear):
@@ -189,7 +188,7 @@ def press_ctrl_c():
 def test_a_recording_that_fails_leaves_everything_as_it_was(datasets, overwrite):
     env = pendulum()
     if overwrite:
-        record(Linear(env), env, NAME, episodes=2)
+        recorded(env, episodes=2)
     before = sorted(datasets.rglob("*"))
     with pytest.raises(ZeroDivisionError, match="a string broke"):
         record(Breaking(env, 30, fail), env, NAME, episodes=2, overwrite=overwrite)
@@ -198,11 +197,10 @@ def test_a_recording_that_fails_leaves_everything_as_it_was(datasets, overwrite)
 
 def test_a_recording_that_the_disk_refuses_leaves_nothing_and_ends_in_an_error(datasets):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    env = pendulum()
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2**19, limits[1]))
         with pytest.raises(OSError, match="File too large"):
-            record(Linear(env), env, NAME, episodes=200)
+            recorded(episodes=200)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert list(datasets.iterdir()) == []
@@ -216,8 +214,7 @@ def test_what_a_killed_recording_left_goes_with_the_next_and_others_stay(dataset
     own(owner)
     synced, sync = [], os.fsync
     monkeypatch.setattr(os, "fsync", lambda fd: (synced.append(os.fstat(fd).st_ino), sync(fd)))
-    env = pendulum()
-    record(Linear(env), env, NAME)
+    recorded()
     os.close(owner)
     assert alive.exists()
     assert not dead.exists()
@@ -231,9 +228,9 @@ def test_ctrl_c_keeps_the_episodes_that_are_finished(datasets):
     with pytest.raises(KeyboardInterrupt):  # in the first one
         record(Breaking(env, 5, press_ctrl_c), env, NAME)
     assert list(datasets.iterdir()) == []
-    recorded = record(Breaking(env, 50, press_ctrl_c), env, NAME, episodes=9)
-    assert recorded.interrupted
-    assert len(recorded.episodes) == len(minari.load_dataset(NAME)) == 2
+    found = record(Breaking(env, 50, press_ctrl_c), env, NAME, episodes=9)
+    assert found.interrupted
+    assert len(found.episodes) == len(minari.load_dataset(NAME)) == 2
 
 
 @pytest.mark.usefixtures("ctrl_c")
@@ -250,18 +247,16 @@ def test_ctrl_c_while_an_episode_is_written_waits_for_its_end(number, monkeypatc
         write(self, episodes)
 
     monkeypatch.setattr(HDF5Storage, "update_episodes", pressed_meanwhile)
-    env = pendulum()
-    recorded = record(Linear(env), env, NAME, episodes=5)
-    assert recorded.interrupted
+    found = recorded(episodes=5)
+    assert found.interrupted
     assert [len(episode) for episode in minari.load_dataset(NAME)] == [20] * number
-    noted = [notes["return"] for notes in notes_of(recorded.dataset)]
-    assert noted == [notes["return"] for notes in recorded.episodes]
+    noted = [notes["return"] for notes in notes_of(found.dataset)]
+    assert noted == [notes["return"] for notes in found.episodes]
 
 
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_while_a_data_set_is_replaced_waits_until_it_is(monkeypatch):
-    env = pendulum()
-    record(Linear(env), env, NAME, episodes=2)
+    recorded(episodes=2)
     rename = Path.rename
 
     def pressed_after(self, target):
@@ -271,7 +266,7 @@ def test_ctrl_c_while_a_data_set_is_replaced_waits_until_it_is(monkeypatch):
 
     monkeypatch.setattr(Path, "rename", pressed_after)
     with pytest.raises(KeyboardInterrupt):
-        record(Linear(env), env, NAME, episodes=3, overwrite=True)
+        recorded(episodes=3, overwrite=True)
     assert len(minari.load_dataset(NAME)) == 3
 
 
@@ -285,19 +280,10 @@ def test_names_that_minari_cannot_keep_are_refused(name, datasets):
     assert not datasets.exists() or list(datasets.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"episodes": 0}, "episodes is 0: expected a whole number, 1 or more"),
-        ({"seed": -1}, "seed is -1: expected a whole number, 0 or more"),
-        ({"noise": []}, "no noise given"),
-        ({"noise": [0.0, 0.1]}, "0.1 rad cannot be added in a PendulumEnv"),
-    ],
-)
+@tables("options, message")
 def test_what_is_out_of_range_is_refused(options, message, datasets):
-    env = pendulum()
     with pytest.raises(ConfigError, match=message):
-        record(Linear(env), env, NAME, **options)
+        recorded(**options)
     assert not datasets.exists()
 
 

@@ -137,3 +137,17 @@ class TestOpenOnsets:
 
     def test_another_key_is_never_hit(self):
         assert not OpenOnsets(self.roll()).hit(40, 0.2)
+
+    def test_a_strike_within_a_span_is_told_if_the_time_does_not_matter(self):
+        told = set()
+        for start in np.arange(0.0, 0.7, 0.01).tolist():
+            for length in (0.01, 0.05, 0.4):
+                span = np.linspace(start, start + length, 21).tolist()
+                onsets = OpenOnsets(self.roll())
+                is_hit = onsets.hit_within(39, span[0], span[-1])
+                each = [OpenOnsets(self.roll()) for _ in span]
+                hits = [one.hit(39, time) for one, time in zip(each, span, strict=True)]
+                assert is_hit is None or set(hits) == {is_hit}
+                assert is_hit is None or all(one._times == onsets._times for one in each)
+                told.add(is_hit)
+        assert told == {True, False, None}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
 import time
 from collections.abc import Iterator
@@ -51,27 +52,17 @@ def address(ray_cluster) -> Iterator[str]:
     ray.cloudpickle.unregister_pickle_by_value(this)
 
 
-def test_results_are_those_of_the_function(address):
-    with open_executor(ray=address) as executor:
-        assert sorted(map_jobs(executor, _square, range(5))) == [0, 1, 4, 9, 16]
-
-
-def test_jobs_work_in_the_present_folder(address, tmp_path, monkeypatch):
+def test_jobs_in_the_present_folder_give_results_and_errors_and_are_begun_again_if_killed(
+    address, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)  # where the nodes were not started
     with open_executor(ray=address) as executor:
+        assert sorted(map_jobs(executor, _square, range(5))) == [0, 1, 4, 9, 16]
         assert executor.submit(os.getcwd).result() == str(tmp_path)
-
-
-def test_an_error_is_what_the_job_raised(address):
-    with open_executor(ray=address) as executor:
+        assert executor.submit(_die_once, tmp_path / "begun").result() == "ended"
         error = executor.submit(_refuse, 3).exception()
     assert type(error) is ConfigError
     assert str(error) == "number is 3: expected another one."
-
-
-def test_a_job_whose_process_was_killed_is_begun_again(address, tmp_path):
-    with open_executor(ray=address) as executor:
-        assert executor.submit(_die_once, tmp_path / "begun").result() == "ended"
 
 
 def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
@@ -83,6 +74,17 @@ def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
             assert time.monotonic() < deadline, "the job never began"
             time.sleep(0.1)
     assert file.read_text(encoding="utf-8") == "told"
+
+
+@pytest.mark.parametrize("scheme", ["", "ray://"])
+def test_a_port_where_nobody_listens_is_told_at_once(scheme):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with (
+        pytest.raises(ConfigError, match=rf"No cluster of Ray .*:{port}' \(.*refused\)"),
+        open_executor(ray=f"{scheme}127.0.0.1:{port}"),
+    ):
+        pass
 
 
 def test_processes_and_a_cluster_at_once_are_refused():

@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
+from yaml_rows import Tables
 
 from sb3_piano.metrics import Onsets, match_onsets, onset_f1, onset_scores, onsets_of
 from sb3_piano.metrics.onsets import timing_error
+
+tables = Tables(__file__)
 
 
 def onsets(*strikes):
@@ -23,9 +26,9 @@ NOTHING = onsets()
 
 
 class TestMatching:
-    def test_distances_are_rounded_to_a_tenth_of_a_millisecond(self):
-        target, played = onsets((0.0, 1), (0.0, 2)), onsets((0.05004, 1), (0.05006, 2))
-        assert match_onsets(target, played).tolist() == [[0, 0]]
+    @tables("target, played, pairs, why")
+    def test_pairs_of_hand_worked_cases(self, target, played, pairs, why):
+        assert match_onsets(onsets(*target), onsets(*played)).tolist() == pairs, why
 
     @pytest.mark.parametrize(("tolerance", "hits"), [(0.0, 0), (0.1, 1), (0.0999, 0)])
     def test_the_tolerance_can_be_chosen(self, tolerance, hits):
@@ -34,15 +37,6 @@ class TestMatching:
         assert onset_f1(target, played, tolerance) == hits
         assert onset_scores(target, played, tolerance).recall == hits
         assert timing_error(target, played, tolerance).mean == pytest.approx(100 * hits)
-
-    def test_of_equally_near_onsets_the_earlier_is_taken(self):
-        assert match_onsets(onsets((0.1, 5), (0.2, 5)), onsets((0.15, 5))).tolist() == [[0, 0]]
-        assert match_onsets(onsets((0.15, 5)), onsets((0.1, 5), (0.2, 5))).tolist() == [[0, 0]]
-
-    def test_pairs_have_the_indices_of_what_was_given_ordered_by_target(self):
-        target = onsets((1.0, 7), (0.5, 2), (0.0, 9), (0.0, 2))
-        played = onsets((0.51, 2), (0.0, 9), (1.01, 7), (3.0, 0))
-        assert match_onsets(target, played).tolist() == [[0, 2], [1, 0], [2, 1]]
 
     def test_a_tremolo_of_thousands_is_matched_note_by_note(self):
         # Each strike is as near to its own note as to the next, so that all hang together.

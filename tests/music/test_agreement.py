@@ -5,6 +5,7 @@ import random
 
 import pytest
 from short_scores import score_of
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.fingering.agreement import agreement, match_rates
@@ -113,19 +114,12 @@ def test_the_recombination_is_the_best_of_all_and_rates_are_in_their_order(seed)
     assert rates.highest <= rates.recombination <= rates.soft
 
 
-@pytest.mark.parametrize(
-    ("annotations", "estimate", "message"),
-    [
-        ([score([0, 1], title="short")], [0, 1, 2], "1 of 3 notes of 'piece' are not in 'short'"),
-        ([score([0, 1, 2], title="long")], [0, 1], "1 of 3 notes of 'long' are not in 'piece'"),
-        ([], [0], "There are no annotations of 'piece'"),
-        ([score([0, -1]), score([-1, 1])], [0, 1], "no labelled note in common"),
-    ],
-)
+@Tables(__file__)("annotations, estimate, message")
 def test_annotations_of_the_same_notes_with_a_label_in_common_are_needed(
     annotations, estimate, message
 ):
+    given = [score(fingers, title=title) for fingers, title in annotations]
     with pytest.raises(ScoreError, match=message):
-        match_rates(annotations, score(estimate))
+        match_rates(given, score(estimate))
     with pytest.raises(ScoreError, match="Score 'piece' has no finger labels"):
         agreement(score([-1, -1]), score([0, 1]))

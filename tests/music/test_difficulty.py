@@ -171,15 +171,9 @@ def motion(variance=0.0, hand=0.0, fingertip=0.0):
     return MotionFeatures(action_variance=variance, hand_motion=hand, fingertip_motion=fingertip)
 
 
-@pytest.mark.parametrize(
-    ("made", "name", "weight"),
-    [
-        *((piece, *term) for term in (("average", 0.25), ("most", 0.15), ("density", 0.2))),
-        (piece, "moved", 0.1),
-        *((motion, name, 0.1) for name in ("variance", "hand", "fingertip")),
-    ],
-)
-def test_each_term_has_its_weight(made, name, weight):
+@tables("of, name, weight")
+def test_each_term_has_its_weight(of, name, weight):
+    made = {"piece": piece, "motion": motion}[of]
     # Of two values the z-scores are -1 and 1.
     different = {"easy": made(**{name: 2.0}), "hard": made(**{name: 7.0})}
     equal = {"easy": piece(), "hard": piece()}

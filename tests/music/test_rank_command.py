@@ -129,10 +129,6 @@ def test_a_damaged_recording_is_told_and_the_others_are_used(run, tmp_path):
     assert code == 2
     assert [row[1] for row in rows_of(out)] == FAMILIAR[:1]
     assert "error: 'bad.npz' is no take" in err
-    (tmp_path / "empty").mkdir()
-    code, _, err = run("rank", "--motion", "empty")
-    assert code == 2
-    assert "--motion 'empty' has no recorded performance" in err
 
 
 # fingering
@@ -238,16 +234,3 @@ def test_bad_files_of_pig_are_told_and_the_others_are_compared(run, pig_folder):
     assert [row[:2] for row in rows_of(out)[:-1]] == [["001", "1"], ["010", "1"]]
     assert "001-2_fingering.txt' has 2 fields" in err
     assert "Piece 020 was not compared: 1 of 5 notes of '020-1_fingering' are not in" in err
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        ((), "has no fingering files: expected the PIG data set"),
-        (FAMILIAR[:1], "is given with other pieces"),
-    ],
-)
-def test_a_folder_without_fingering_files_or_beside_names_is_refused(run, tmp_path, more, message):
-    (tmp_path / "empty").mkdir()
-    code, _, err = run("fingering", "empty", *more)
-    assert (code, f"Folder 'empty' {message}" in err) == (2, True)

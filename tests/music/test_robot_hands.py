@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 from short_scores import score_of
+from yaml_rows import Tables
 
 from sb3_piano.music import BUILT_IN, load_score
 from sb3_piano.music.fingering import apply_fingering
@@ -23,29 +24,14 @@ def hands_of(*notes):
     return "".join("R" if note.hand == "right" else "L" for note in found.notes)
 
 
-FAR = [(0.4 * i, 40 + i % 5, 0.4, "L") for i in range(12)]
-
-
 def test_hands_that_play_by_turns_on_neighbouring_keys_become_one():
     turns = [(0.2 * i, 75 + i % 2, 0.2, "RL"[i % 2]) for i in range(12)]
     assert hands_of(*turns) == "R" * 12 or hands_of(*turns) == "L" * 12
 
 
-def test_hands_that_have_room_keep_what_is_written():
-    right = [(0.4 * i, 76 + i % 5, 0.4, "R") for i in range(12)]
-    assert hands_of(*FAR, *right) == "LR" * 12
-
-
-def test_a_note_that_a_hand_cannot_reach_goes_to_the_one_that_is_near():
-    chord = [(0.0, pitch, 1.0, "R") for pitch in (50, 72, 76)]
-    assert hands_of((0.0, 43, 1.0, "L"), *chord) == "LLRR"
-
-
-def test_a_leap_in_the_middle_of_notes_is_saved_by_the_other_hand():
-    high = [(0.2 * i, 76 + i % 3, 0.2, "R") for i in range(6)]
-    low = [(1.2, 52, 0.2, "R")]
-    back = [(1.4 + 0.2 * i, 76 + i % 3, 0.2, "R") for i in range(6)]
-    assert hands_of((0.0, 50, 0.4, "L"), *high, *low, *back) == "LRRRRRR" + "L" + "RRRRRR"
+@Tables(__file__)("why, notes, expected")
+def test_notes_change_hands_where_that_saves_sound(why, notes, expected):
+    assert hands_of(*notes) == expected, why
 
 
 def test_a_piece_for_one_hand_stays_with_it():

@@ -11,13 +11,14 @@ import yaml
 from acting import act_at
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
-from tiny_curriculum import NO_PIANO, PENDULUM, SMALL, write_curriculum
+from tiny_curriculum import NO_PIANO, PENDULUM, SMALL
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.jobs import status
 from sb3_piano.locks import hold
 from sb3_piano.pipelines import Curriculum, load_curriculum, run_curriculum
-from sb3_piano.pipelines.curriculum import curriculum_status
+from sb3_piano.pipelines.curriculum import curriculum_jobs
 from sb3_piano.training import RunFolder, resume, train
 
 DEADLINE = 180  # s; starting a process takes long where others are at work
@@ -60,16 +61,6 @@ gym.register("OnlyF1-v0", OnlyF1)
 
 
 @pytest.fixture
-def write(tmp_path):
-    """Return a function that writes a curriculum of a tiny SAC and returns the file."""
-
-    def make(*stages, **common):
-        return write_curriculum(tmp_path / "tiny.yml", *stages, **common)
-
-    return make
-
-
-@pytest.fixture
 def write_piano(write):
     """The same for stages on one hand's part of the first 1.5 s of studies."""
 
@@ -98,6 +89,10 @@ def ends(result):
         (run.job.name, run.job.progress()[0], (run.result or {}).get("ended_by"))
         for run in result.runs
     ]
+
+
+def curriculum_status(folder):
+    return status(curriculum_jobs(folder, load_curriculum(folder)))
 
 
 def folders(result):
@@ -134,6 +129,8 @@ def content(folder):
 
 # What would only be known when a stage begins.
 
+OFTEN = [{"sb3_piano.callbacks.F1Callback": {"eval_freq": "often"}}]
+
 
 @pytest.mark.parametrize(
     ("stage", "message"),
@@ -143,21 +140,12 @@ def content(folder):
         ({"gamma": "high"}, "gamma is 'high': expected a finite number"),
         ({"piece": "hanon-99", "env": None}, "Unknown piece 'hanon-99'"),
         ({"env_kwargs": {"gravity": 9}}, "cannot be made with env_kwargs"),
-        (
-            {"with_buffer": True, "buffer_size": 90},
-            "Its buffer_size is 90, that of the stage before 500",
-        ),
+        ({"with_buffer": True, "buffer_size": 90}, "Its buffer_size is 90, that of .* before 500"),
         ({"with_entropy": False, "ent_coef": 0.1}, "this SAC learns no entropy coefficient"),
         ({"until": {"f1": 1, "eval_freq": 61}}, "in n_timesteps 60 of 1 environment"),
         ({"until": {"f1": 1, "eval_freq": 60}, "n_envs": 2}, "60 of 2 environment"),
         ({"until": {"f1": 1, "eval_freq": 30, "patience": 3}}, "come 2 evaluations"),
-        (
-            {
-                "until": {"f1": 1},
-                "callback": [{"sb3_piano.callbacks.F1Callback": {"eval_freq": "often"}}],
-            },
-            "eval_freq is 'often': expected a whole number",
-        ),
+        ({"until": {"f1": 1}, "callback": OFTEN}, "eval_freq is 'often': expected a whole number"),
     ],
 )
 def test_stages_that_do_not_fit_are_refused_before_any_is_trained(
@@ -441,35 +429,19 @@ def test_one_process_at_a_time_trains_in_a_folder(write, run, tmp_path):
         run(write(PENDULUM))
 
 
-def test_without_a_folder_it_is_called_after_the_file(write, tmp_path):
+def test_without_a_folder_it_is_called_after_the_file_without_a_seed_one_is_drawn(write, tmp_path):
     curriculum = load_curriculum(write({**PENDULUM, "n_timesteps": 5}))
-    result = run_curriculum(curriculum, runs_dir=tmp_path / "runs", progress_bar=False)
+    for had_finished in (False, True):
+        result = run_curriculum(curriculum, runs_dir=tmp_path / "runs", progress_bar=False)
+        assert result.had_finished == had_finished
     assert result.folder == tmp_path / "runs" / "curricula" / "tiny"
-    again = run_curriculum(curriculum, runs_dir=tmp_path / "runs", progress_bar=False)
-    assert again.had_finished
     seed = load_curriculum(result.folder).seed
     assert folders(result)[0].read_config().seed == seed is not None
 
 
-@pytest.mark.parametrize("option", ["seed", "checkpoint_every"])
-def test_numbers_out_of_range_are_refused(write, run, tmp_path, option):
-    with pytest.raises(ConfigError, match=f"{option} is -1"):
-        run(write(PENDULUM), **{option: -1})
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("notes.txt", "is not empty, and holds no curriculum"),
-        ("curriculum.json", "was begun by an older version: expected another folder"),
-    ],
-)
-def test_a_folder_of_something_else_or_older_is_refused_and_left_alone(
-    write, run, tmp_path, name, message
-):
+def test_a_folder_of_an_older_version_is_refused_and_left_alone(write, run, tmp_path):
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / name).write_text("mine")
-    with pytest.raises(RunError, match=message):
+    (tmp_path / "out" / "curriculum.json").write_text("mine")
+    with pytest.raises(RunError, match="was begun by an older version: expected another folder"):
         run(write(PENDULUM))
-    assert [path.name for path in (tmp_path / "out").iterdir()] == [name]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["curriculum.json"]

@@ -20,8 +20,7 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.jobs import Here, Job, status
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.pipelines import SweepConfig, load_sweep, sweep, training
-from sb3_piano.pipelines.sweep import sweep_status
+from sb3_piano.pipelines import SweepConfig, TrainingJob, load_sweep, sweep
 from sb3_piano.training import resume
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
@@ -68,11 +67,9 @@ def test_cells_are_all_combinations():
 
 
 def test_options_of_environments_are_added_to_each_other():
-    config = SweepConfig(
-        pieces=("hanon-01",),
-        settings={"env_kwargs": "dict(observation='fingers', physics='reference', score='a')"},
-        variants={"fast": {"env_kwargs": {"physics": "fast"}}},
-    )
+    common = {"env_kwargs": "dict(observation='fingers', physics='reference', score='a')"}
+    variants = {"fast": {"env_kwargs": {"physics": "fast"}}}
+    config = SweepConfig(pieces=("hanon-01",), settings=common, variants=variants)
     (run,) = config.runs().values()
     assert run.env_kwargs == {"observation": "fingers", "physics": "fast", "score": "hanon-01"}
 
@@ -118,27 +115,16 @@ def test_a_cell_that_a_callback_ended_is_finished(tmp_path):
     found = []
     config = SweepConfig(**{**SHORT, "settings": settings})
     for _ in range(2):
-        result = sweep(
-            config,
-            tmp_path / "sweep",
-            executor=Here(),
-            on_result=lambda run, *_: found.append(run),
-        )
+        note = {"on_result": lambda run, *_: found.append(run)}
+        result = sweep(config, tmp_path / "sweep", executor=Here(), **note)
         assert [run.result["num_timesteps"] for run in result.runs] == [10]
     assert len(found) == 1  # the second call has nothing to do
-    (state,) = sweep_status(config, tmp_path / "sweep")
+    (state,) = status(config.jobs(tmp_path / "sweep"))
     assert state.result == found[0].result
     (state.job.folder / "result.json").unlink()  # as of a process that was killed as it evaluated
     (again,) = sweep(config, tmp_path / "sweep", executor=Here()).runs
     assert again.result["metrics"] == state.result["metrics"]
     assert again.result["num_timesteps"] == 10
-
-
-def test_the_file_is_named_when_a_setting_is_wrong(tmp_path):
-    file = tmp_path / "grid.yml"
-    file.write_text(yaml.safe_dump({"algos": ["td3"], "envs": ["x"], "seeds": ["one"]}))
-    with pytest.raises(ConfigError, match=r"grid\.yml': seeds"):
-        load_sweep(file)
 
 
 @pytest.mark.slow
@@ -148,7 +134,7 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
     (job,) = SweepConfig(**SHORT).jobs(place)
     # The run had stopped after its second checkpoint, and an older version had begun the sweep.
     shorter = dataclasses.replace(job.config, n_timesteps=120)
-    Job.do(training("shorter", job.folder, shorter))
+    TrainingJob(name="shorter", folder=job.folder, config=shorter).do()
     for name in ("job.yml", "result.json"):
         (job.folder / name).unlink()
     shutil.copytree(job.folder, tmp_path / "alone")
@@ -184,7 +170,7 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
 
 
 @pytest.mark.parametrize("option", ["--run", "--storage"])
-def test_a_folder_is_no_url(tmp_path, capsys, option):
+def test_a_folder_is_no_url_and_a_wrong_file_is_named(tmp_path, capsys, option):
     told = "The folder is 's3://b/s': expected a path of a file system that all machines see"
     with pytest.raises(ConfigError, match=told):
         sweep(SweepConfig(**SHORT), "s3://b/s")
@@ -192,28 +178,21 @@ def test_a_folder_is_no_url(tmp_path, capsys, option):
     file.write_text(yaml.safe_dump({"envs": ["Pendulum-v1"]}))
     assert main(["sweep", str(file), option, "s3://b/s"]) == 2
     assert told in capsys.readouterr().err
+    file.write_text(yaml.safe_dump({"envs": ["x"], "seeds": ["one"]}))
+    with pytest.raises(ConfigError, match=r"grid\.yml': seeds"):
+        load_sweep(file)
 
 
 @pytest.mark.slow
 def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
-    grid = {
-        **SHORT,
-        "algos": ["td3"],
-        "envs": list(SHORT["envs"]),
-        "variants": {
-            "bad": {"env_kwargs": {"score": str(tmp_path / "gone.mid")}},
-            "good": {},
-        },
-    }
+    bad = {"env_kwargs": {"score": str(tmp_path / "gone.mid")}}
+    lists = {name: list(SHORT[name]) for name in ("algos", "envs")}
     file = tmp_path / "grid.yml"
-    file.write_text(yaml.safe_dump(grid), encoding="utf-8")
-    status = main(
-        ["sweep", str(file), "--run", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
-    )
-    told = capsys.readouterr()
-    assert status == 2
-    assert "gone.mid" in told.err
-    states = [run.state for run in sweep_status(load_sweep(file), tmp_path / "sweep")]
+    file.write_text(yaml.safe_dump({**SHORT, **lists, "variants": {"bad": bad, "good": {}}}))
+    more = ["--run", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
+    assert main(["sweep", str(file), *more]) == 2
+    assert "gone.mid" in capsys.readouterr().err
+    states = [run.state for run in status(load_sweep(file).jobs(tmp_path / "sweep"))]
     assert states == ["not begun", "finished"]
 
 

@@ -90,7 +90,7 @@ def test_hands_planned_in_two_processes_are_the_same_to_the_last_bit(monkeypatch
 
 @pytest.mark.parametrize(("how", "may"), [(["{}.py"], False), (["-m", "{}"], usable_cores() > 1)])
 def test_a_script_starts_no_processes_as_it_may_have_no_guard(tmp_path, how, may):
-    code = "from sb3_piano.jobs.starting import may_start_processes\nprint(may_start_processes())\n"
+    code = "from sb3_piano.planning.side_by_side import may_start_processes as may\nprint(may())\n"
     (tmp_path / "asking.py").write_text(code)
     command = [sys.executable, *(part.format("asking") for part in how)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)

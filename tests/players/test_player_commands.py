@@ -4,13 +4,14 @@ import json
 from pathlib import Path
 
 import pytest
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.players import HandModel
 from sb3_piano.training import OpenPlayer, RunConfig, RunFolder
-from sb3_piano.training.playing.player import write_player
+from sb3_piano.training.playing.player_files import write_player
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 FAST = ["--set", "physics=fast"]
@@ -28,28 +29,7 @@ def _elsewhere(tmp_path, monkeypatch):
 @pytest.fixture
 def shared():
     """Return the folder of a run that was shared: an untrained policy of PPO for hands."""
-    config = RunConfig(
-        algo="ppo",
-        env_id=GENERAL_ID,
-        n_timesteps=1,
-        seed=0,
-        policy="sb3_piano.policies.HandsActorCriticPolicy",
-        env_wrapper="sb3_piano.wrappers.HandActions",
-        env_kwargs={
-            "score": "TwinkleTwinkle",
-            "observation": "hands",
-            "reduced_action_space": False,
-            "physics": "fast",
-        },
-        algorithm_kwargs={
-            "n_steps": 2,
-            "batch_size": 2,
-            "policy_kwargs": {
-                "activation_fn": "torch.nn.SiLU",
-                "net_arch": {"pi": [16], "vf": [8]},
-            },
-        },
-    )
+    config = RunConfig(env_id=GENERAL_ID, **Tables(__file__)["shared"])
     run = RunFolder.create(config, "run")
     build_model(config, build_vec_env(config)).save(run.model_file)
     return write_player(run.path, "shared").path
@@ -81,31 +61,3 @@ def test_the_network_that_is_shipped_plays_and_is_recorded(capsys):
     assert Path("play/tune-sight-reader/performance.mid").is_file()
     assert main(["record", "tune.mid", *READER, *FAST, "--episodes", "1"]) == 0
     assert "robopianist/tune/sight-reader-v0" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        ("play tune.mid --weights x", "'x' cannot be read"),
-        (
-            "play tune.mid --planned --weights x",
-            "Unknown setting 'model' of the player 'planned'",
-        ),
-        (
-            "play tune.mid --player sight-reader --sampling 2",
-            "Unknown setting 'samples' of the player 'sight-reader'",
-        ),
-        ("play tune.mid --player nobody", "There is no player or folder 'nobody'"),
-        ("play tune.mid --player runs/none", "There is no folder 'runs/none'"),
-        ("evaluate sight-reader", "has nothing to play: expected a piece"),
-        ("play tune.mid --player sight-reader --reduced", "was trained for a number of actuators"),
-        ("play tune.mid --player sight-reader --weights no", "'no' cannot be read"),
-        ("record tune.mid --weights x", "Unknown setting 'model' of the player 'planned'"),
-        ("train --algo sight-reader --midi tune.mid", "is not trained, it plays at once"),
-    ],
-)
-def test_an_error_is_one_line(command, message, capsys):
-    assert main(command.split()) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1

@@ -155,15 +155,13 @@ def test_a_player_of_another_environment_is_refused():
         TreeSearch(SightReader(piano()), piano())
 
 
-def test_runs_of_players_and_pieces_look_ahead_too(tmp_path, capsys, monkeypatch):
+def test_runs_of_players_and_pieces_look_ahead_too(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_midi(TUNE, "tune.mid")
     options = {"physics": "fast"}
     found = evaluate("tree:3x2:sight-reader", score="tune.mid", **options)
     assert found.algo == "sight-reader, tree 3x2"
     assert found.tree.children == 2
-    arguments = ["play", "tune.mid", "--tree", "2x1"]
-    assert main([*arguments, "--physics", "fast", "--no-video", "--no-progress"]) == 0
+    arguments = ["--physics", "fast", "--no-video", "--no-progress"]
+    assert main(["play", "tune.mid", "--tree", "2x1", *arguments]) == 0
     assert (tmp_path / "play").iterdir().__next__().name.endswith("-sight-reader-tree2x1")
-    assert main([*arguments, "--player", "score"]) == 2
-    assert "--tree cannot be given with --player score" in capsys.readouterr().err

@@ -5,12 +5,15 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.vec_env import DummyVecEnv
+from yaml_rows import Tables
 
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PlanSettings
 from sb3_piano.players import PLAYERS, PlayerSpec, TreeSearch, TreeSettings, rollout
 from sb3_piano.players.planned import PlannedPianist
+
+tables = Tables(__file__)
 
 
 @pytest.fixture
@@ -35,16 +38,13 @@ class Rest:
     ("text", "name", "arguments", "tree"),
     [
         *((name, name, {}, None) for name in PLAYERS),
-        ("sampling:samples=32,nominal=none", "sampling", {"samples": 32, "nominal": "none"}, None),
-        ("tree", "sight-reader", {}, TreeSettings()),
-        ("tree:8x2:planned:passes=1", "planned", {"passes": 1}, TreeSettings.parse("8x2")),
-        ("tree:sampling", "sampling", {}, TreeSettings()),
-        ("runs/none", "runs/none", {}, None),
+        *tables["a_text_says_who_plays_with_which_settings"],
     ],
 )
 def test_a_text_says_who_plays_with_which_settings(text, name, arguments, tree):
-    spec = PlayerSpec.parse(text)
-    assert (spec.name, spec.arguments, spec.tree) == (name, arguments, tree)
+    spec, default = PlayerSpec.parse(text), TreeSettings()
+    assert (spec.name, spec.arguments) == (name, arguments)
+    assert spec.tree == (default if tree == "DEFAULT" else tree and TreeSettings.parse(tree))
     assert PlayerSpec.parse(str(spec)) == spec
     assert spec.is_run == text.startswith("runs")
 
@@ -57,18 +57,7 @@ def test_files_and_folders_are_players(tmp_path):
     assert PlayerSpec.parse(file).file == str(file)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("nobody", "There is no player or folder 'nobody': expected one of planned, sampling"),
-        ("planned:smples=3", "Unknown setting 'smples' of the player 'planned'"),
-        ("sight-reader:passes=1", "Unknown setting 'passes' of the player 'sight-reader'"),
-        ("sampling:samples", "expected NAME:SETTING=VALUE,..."),
-        ("planned:passes=[", "'\\[' is not valid YAML"),
-        ("tree:4x:planned", "A tree cannot be '4x'"),
-        ("tree:tree:planned", "expected one tree"),
-    ],
-)
+@tables("text, message")
 def test_what_is_no_player_is_told(text, message):
     with pytest.raises(ConfigError, match=message):
         PlayerSpec.parse(text)

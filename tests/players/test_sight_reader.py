@@ -10,11 +10,13 @@ import torch
 from episodes import play_episode
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_piano.envs import PianoEnv
+from sb3_piano.envs import Block, PianoEnv
+from sb3_piano.envs.hand_encoding import HANDS_VERSION
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.lab.music.corpus import HELD_OUT
 from sb3_piano.music import Note, Score, load_score
 from sb3_piano.players import HandModel, SightReader, make_player
+from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.policies import (
     HandsActorCriticPolicy,
@@ -195,6 +197,9 @@ def test_a_network_for_other_environments_is_refused_when_it_is_made(model, tmp_
     changed = HandModel(model.tensors, dataclasses.replace(model.facts, blocks=blocks))
     with pytest.raises(ConfigError, match=r"385 numbers \(.*busy 2, line 5.*here it is 385"):
         SightReader(piano(), changed)
+    later = HandModel(model.tensors, dataclasses.replace(model.facts, observation_version=99))
+    with pytest.raises(ConfigError, match=r'version of the observation "hands" of 99, and here it'):
+        SightReader(piano(), later)
     with pytest.raises(ConfigError, match="unchanged by other wrappers"):
         SightReader(gym.wrappers.RescaleAction(piano(), *np.float32([-0.5, 0.5])), model)
 
@@ -220,6 +225,22 @@ def test_a_file_that_is_no_network_of_a_hand_is_refused(model, tmp_path):
     env = gym.make("RoboPianist-debug-CMajorScaleTwoHands-v0")
     with pytest.raises(ConfigError, match="finds no HandActions"):
         HandModel.of(policy_of(HandsTD3Policy, hands()), env)
+
+
+def test_networks_know_the_version_of_what_they_observe(model, tmp_path):
+    model.save(tmp_path / "x.safetensors")
+    networks = model, HandModel.load(tmp_path / "x.safetensors"), HandModel.load(SHIPPED)
+    assert [n.facts.observation_version for n in networks] == [HANDS_VERSION] * 3
+
+
+class Elbow(Block):
+    name, meaning = "elbow", "nothing that a hand knows"
+
+
+def test_it_plays_alike_where_blocks_of_others_are_observed(model):
+    bare, more = hands(), hands(observation_blocks=[Elbow])
+    actions = [play(env, SightReader(env, model))[1] for env in (bare, more)]
+    np.testing.assert_allclose(*actions, atol=1e-6)
 
 
 def test_players_are_made_by_name():

@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from episodes import steps_of
 from sb3_contrib import TQC, CrossQ
 from short_scores import score_of
 from stable_baselines3 import DDPG, PPO, SAC, TD3
@@ -189,12 +190,8 @@ def test_a_search_earns_more_than_the_policy_it_starts_from():
     for shape in (TreeSettings(simulations=1, depth=1), TreeSettings(simulations=60, depth=4)):
         env = piano()
         player = TreeSearch(untrained(env, gamma=0.8), env, shape)
-        observation, _ = env.reset(seed=0)
-        total, done = 0.0, False
-        while not done:
-            observation, reward, _, done, _ = env.step(player.predict(observation)[0])
-            total += reward
-        returns.append(total)
+        steps = steps_of(env, lambda seen, player=player: player.predict(seen)[0])
+        returns.append(sum(reward for _, reward, *_ in steps))
     assert returns[1] > returns[0] + 0.5
 
 
@@ -233,17 +230,11 @@ def test_what_cannot_be_searched_is_refused():
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    config = load_config(
-        "sac",
-        "RoboPianist-v0",
-        n_timesteps=120,
-        seed=0,
-        env_kwargs={"score": "scale-CMajor", "physics": "fast"},
-        env_wrapper=[{"sb3_piano.wrappers.Excerpt": {"start": 0.0, "length": 1.0}}],
-        policy_kwargs={"net_arch": [16]},
-        learning_starts=50,
-        batch_size=8,
-    )
+    settings = {"n_timesteps": 120, "learning_starts": 50, "batch_size": 8, "seed": 0}
+    settings["policy_kwargs"] = {"net_arch": [16]}
+    settings["env_kwargs"] = {"score": "scale-CMajor", "physics": "fast"}
+    settings["env_wrapper"] = [{"sb3_piano.wrappers.Excerpt": {"start": 0.0, "length": 1.0}}]
+    config = load_config("sac", "RoboPianist-v0", **settings)
     folder = tmp_path_factory.mktemp("tree") / "run"
     return train(config, folder, progress_bar=False).folder.path
 

@@ -25,13 +25,11 @@ from sb3_piano.training import load_config, train
 N, M = 12, 4
 MODELS = {"sac": SAC, "td3": TD3, "ppo": PPO}
 POLICIES = {"sac": HandsSACPolicy, "td3": HandsTD3Policy, "ppo": HandsActorCriticPolicy}
+COLLECTING = {"learning_starts": 20, "buffer_size": 500}
+NOISE = NormalActionNoise(np.zeros(2 * M), np.full(2 * M, 0.1))
 OF_ALGORITHM = {
-    "sac": {"learning_starts": 20, "buffer_size": 500},
-    "td3": {
-        "learning_starts": 20,
-        "buffer_size": 500,
-        "action_noise": NormalActionNoise(np.zeros(2 * M), np.full(2 * M, 0.1)),
-    },
+    "sac": COLLECTING,
+    "td3": {**COLLECTING, "action_noise": NOISE},
     "ppo": {"n_steps": 64, "batch_size": 32},
 }
 SMALL = {"pi": [16, 8], "qf": [16], "vf": [16]}
@@ -64,14 +62,9 @@ class Reach(gym.Env):
 
 
 def make(name, hands=2, **policy_kwargs):
-    return MODELS[name](
-        POLICIES[name],
-        Reach(hands),
-        policy_kwargs={"n_hands": hands, "net_arch": SMALL, **policy_kwargs},
-        seed=0,
-        device="cpu",
-        **OF_ALGORITHM[name],
-    )
+    kwargs = {"n_hands": hands, "net_arch": SMALL, **policy_kwargs}
+    options = {"seed": 0, "device": "cpu", **OF_ALGORITHM[name]}
+    return MODELS[name](POLICIES[name], Reach(hands), policy_kwargs=kwargs, **options)
 
 
 def observations(count=30, hands=2):

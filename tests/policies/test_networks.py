@@ -9,22 +9,14 @@ import pytest
 import torch
 from sb3_contrib import TQC
 from stable_baselines3 import SAC, TD3
+from yaml_rows import Tables
 
 from sb3_piano import policies
 from sb3_piano.wrappers import Lookahead, PreviousActionReward
 
 ALGORITHMS = {"SAC": SAC, "TD3": TD3, "TQC": TQC}
-KINDS = {
-    "DroQ": (
-        "Regularized",
-        {"net_arch": [32, 32], "dropout": 0.1, "target_dropout": True, "mean_q": True},
-    ),
-    "regularised": ("Regularized", {"net_arch": [32, 32], "dropout": 0.1}),
-    "SimBa": ("Simba", {"net_arch": {"pi": [16], "qf": [32, 32]}}),
-    "mlp": ("Encoder", {"encoder": "mlp", "net_arch": [32]}),
-    "conv": ("Encoder", {"encoder": "conv", "net_arch": [32]}),
-    "transformer": ("Encoder", {"encoder": "transformer"}),
-}
+KINDS = Tables(__file__)["kinds"]
+SMALL = {"batch_size": 16, "buffer_size": 100, "learning_starts": 20, "seed": 0, "device": "cpu"}
 TAU = 0.25
 
 
@@ -45,18 +37,10 @@ def trained(request):
     """A model after 24 steps and four updates, and its weights before the last update."""
     name, kind = request.param
     prefix, policy_kwargs = KINDS[kind]
-    model = ALGORITHMS[name](
-        getattr(policies, f"{prefix}{name}Policy"),
-        piano(),
-        policy_kwargs=dict(policy_kwargs),
-        batch_size=16,
-        buffer_size=100,
-        learning_starts=20,
-        tau=TAU,
-        seed=0,
-        device="cpu",
-        **({"policy_delay": 1} if name == "TD3" else {}),
-    )
+    kwargs = {"policy_kwargs": dict(policy_kwargs)}  # to which SB3 adds some
+    kwargs |= {"policy_delay": 1} if name == "TD3" else {}
+    policy = getattr(policies, f"{prefix}{name}Policy")
+    model = ALGORITHMS[name](policy, piano(), tau=TAU, **SMALL, **kwargs)
     model.learn(23)
     before = copy.deepcopy(model.policy.state_dict())
     model.train(gradient_steps=1, batch_size=16)

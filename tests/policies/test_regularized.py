@@ -8,30 +8,23 @@ from stable_baselines3 import SAC, TD3
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.imports import import_name
 from sb3_piano.policies import (
     RegularizedSACPolicy,
     RegularizedTD3Policy,
     RegularizedTQCPolicy,
     RSNorm,
 )
-from sb3_piano.training.configuration.names import import_name
 
 POLICIES = {SAC: RegularizedSACPolicy, TD3: RegularizedTD3Policy, TQC: RegularizedTQCPolicy}
+SMALL = {"buffer_size": 200, "learning_starts": 4, "batch_size": 4, "seed": 0, "device": "cpu"}
 each = pytest.mark.parametrize("algorithm", [SAC, TD3])
 
 
 def make(algorithm, env=None, **policy_kwargs):
     piano = {"id": "RoboPianist-debug-CMajorScaleOneHand-v0", "observation": "fingers"}
-    return algorithm(
-        POLICIES[algorithm],
-        env or gym.make(**piano, physics="fast"),
-        policy_kwargs={"net_arch": [16, 8], **policy_kwargs},
-        buffer_size=200,
-        learning_starts=4,
-        batch_size=4,
-        seed=0,
-        device="cpu",
-    )
+    kwargs = {"policy_kwargs": {"net_arch": [16, 8], **policy_kwargs}, **SMALL}
+    return algorithm(POLICIES[algorithm], env or gym.make(**piano, physics="fast"), **kwargs)
 
 
 def kinds(network):

@@ -9,9 +9,12 @@ from gymnasium import spaces
 from sb3_contrib import TQC
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.torch_layers import FlattenExtractor
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies import RSNorm, SimbaSACPolicy, SimbaTD3Policy, SimbaTQCPolicy
+
+tables = Tables(__file__)
 
 POLICIES = {SAC: SimbaSACPolicy, TD3: SimbaTD3Policy, TQC: SimbaTQCPolicy}
 each = pytest.mark.parametrize("algorithm", POLICIES)
@@ -19,15 +22,9 @@ SMALL = {"pi": [8], "qf": [8]}
 
 
 def make(algorithm, **policy_kwargs):
-    return algorithm(
-        POLICIES[algorithm],
-        "Pendulum-v1",
-        policy_kwargs={"net_arch": SMALL, **policy_kwargs},
-        learning_starts=10,
-        batch_size=8,
-        seed=0,
-        device="cpu",
-    )
+    settings = {"learning_starts": 10, "batch_size": 8, "seed": 0, "device": "cpu"}
+    settings["policy_kwargs"] = {"net_arch": SMALL, **policy_kwargs}
+    return algorithm(POLICIES[algorithm], "Pendulum-v1", **settings)
 
 
 def parameters(module):
@@ -105,16 +102,7 @@ def test_another_extractor_may_take_its_place():
     assert not any("running" in name for name in model.policy.state_dict())
 
 
-@pytest.mark.parametrize(
-    ("net_arch", "message"),
-    [
-        ([64, 32], "net_arch of 'pi' is \\[64, 32\\]: expected equal numbers"),
-        ({"pi": [8], "qf": []}, "net_arch of 'qf' is \\[\\]: expected one residual block"),
-        ({"pi": [8]}, "net_arch has pi: expected 'pi' and 'qf'"),
-        ([0], "net_arch of 'pi'.* is 0: expected"),
-        (64, "net_arch of 'pi' is 64: expected"),
-    ],
-)
+@tables("net_arch, message")
 def test_a_net_arch_that_is_no_list_of_blocks_is_refused(net_arch, message):
     with pytest.raises(ConfigError, match=message):
         make(SAC, net_arch=net_arch)

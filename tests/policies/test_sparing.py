@@ -5,38 +5,27 @@ import contextlib
 import gymnasium as gym
 import pytest
 import torch
+from acting import Noted
 from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import DDPG, PPO, SAC, TD3
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import set_random_seed
 from torch import nn
 
-from sb3_piano.policies import EncoderSACPolicy, RegularizedSACPolicy, sparing_updates
-from sb3_piano.policies.sparing import ZeroSkippingLinear
+from sb3_piano.policies import EncoderSACPolicy, RegularizedSACPolicy, fast_updates
+from sb3_piano.policies.sparing import ZeroSkippingLinear, sparing_updates
 from sb3_piano.training import load_config, train
 
-ALGORITHMS = {
-    "sac": (SAC, "MlpPolicy", {}),
-    "td3": (TD3, "MlpPolicy", {}),
-    "ddpg": (DDPG, "MlpPolicy", {}),
-    "tqc": (TQC, "MlpPolicy", {}),
-    "crossq": (CrossQ, "MlpPolicy", {}),
-    "regularized": (SAC, RegularizedSACPolicy, {"dropout": 0.0}),
-    "encoder": (SAC, EncoderSACPolicy, {"dropout": 0.0}),
-}
+STOCK = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "tqc": TQC, "crossq": CrossQ}
+ALGORITHMS = {name: (algorithm, "MlpPolicy", {}) for name, algorithm in STOCK.items()}
+ALGORITHMS["regularized"] = (SAC, RegularizedSACPolicy, {"dropout": 0.0})
+ALGORITHMS["encoder"] = (SAC, EncoderSACPolicy, {"dropout": 0.0})
+SMALL = {"learning_starts": 40, "buffer_size": 100}
 
 
 def make(algorithm=SAC, policy="MlpPolicy", policy_kwargs=None, **env_kwargs):
     env = gym.make("RoboPianist-debug-CMajorScaleOneHand-v0", physics="fast", **env_kwargs)
-    return algorithm(
-        policy,
-        env,
-        policy_kwargs={"net_arch": [24, 16], **(policy_kwargs or {})},
-        learning_starts=40,
-        buffer_size=100,
-        batch_size=32,
-        seed=0,
-    )
+    kwargs = {"policy_kwargs": {"net_arch": [24, 16], **(policy_kwargs or {})}, **SMALL}
+    return algorithm(policy, env, batch_size=32, seed=0, **kwargs)
 
 
 def learnt(model):
@@ -52,9 +41,7 @@ def update(model, times=4):
 def like(model):
     """Return another model with the same networks, transitions and optimizers."""
     algorithm, env, policy = type(model), model.get_env(), model.policy_class
-    other = algorithm(
-        policy, env, policy_kwargs=model.policy_kwargs, learning_starts=40, buffer_size=100
-    )
+    other = algorithm(policy, env, policy_kwargs=model.policy_kwargs, **SMALL)
     other.set_parameters(model.get_parameters())
     other.replay_buffer, other._logger = model.replay_buffer, model.logger
     return other
@@ -66,7 +53,7 @@ def test_updates_learn_the_same_but_for_rounding(name):
     stock.learn(40)
     before, sparing = learnt(stock), like(stock)
     expected = update(stock)
-    with sparing_updates(sparing):
+    with fast_updates(sparing):
         found = update(sparing)
     changed = [key for key, value in expected.items() if not torch.equal(value, before[key])]
     assert any(key.startswith("actor") for key in changed)
@@ -78,7 +65,7 @@ def test_updates_learn_the_same_but_for_rounding(name):
 def test_an_actors_update_differentiates_by_no_weight_of_the_critics():
     model = make()
     observations = torch.rand(8, model.observation_space.shape[0])
-    with sparing_updates(model):
+    with fast_updates(model):
         actions = torch.zeros(8, model.action_space.shape[0], requires_grad=True)
         torch.cat(model.critic(observations, actions)).sum().backward()
         assert all(parameter.grad is None for parameter in model.critic.parameters())
@@ -92,7 +79,7 @@ def test_actions_have_their_gradient_also_where_all_of_them_are_zero():
     observations = torch.zeros(8, model.observation_space.shape[0])
     observations[:, 3] = 1.0
     gradients = []
-    for context in (contextlib.nullcontext(), sparing_updates(model)):
+    for context in (contextlib.nullcontext(), fast_updates(model)):
         actions = torch.zeros(8, model.action_space.shape[0], requires_grad=True)
         with context:
             model.critic.q1_forward(observations, actions).sum().backward()
@@ -125,7 +112,7 @@ def test_a_number_that_is_not_finite_is_seen():
 def test_afterwards_the_model_is_as_before(name):
     model = make(*ALGORITHMS[name])
     modules, attributes = kinds(model), set(vars(model.critic))
-    with sparing_updates(model):
+    with fast_updates(model):
         assert ZeroSkippingLinear in kinds(model)
         with pytest.raises(RuntimeError):  # of other shapes
             model.critic(torch.zeros(2, 3), torch.zeros(2, 3, requires_grad=True))
@@ -157,7 +144,7 @@ def fused(model):
 def test_adam_passes_over_the_weights_once_meanwhile_unless_told_otherwise(chosen, meanwhile):
     model = make(policy_kwargs=chosen)
     before = fused(model)
-    with sparing_updates(model):
+    with fast_updates(model):
         assert fused(model) == meanwhile
     assert fused(model) == before
 
@@ -165,20 +152,23 @@ def test_adam_passes_over_the_weights_once_meanwhile_unless_told_otherwise(chose
 def test_an_algorithm_without_critics_of_actions_is_left_alone():
     model = PPO("MlpPolicy", "Pendulum-v1", n_steps=8, batch_size=8)
     modules = kinds(model)
-    with sparing_updates(model):
+    with fast_updates(model):
         assert kinds(model) == modules
 
 
 def test_a_run_trains_so(tmp_path):
-    seen = []
-
-    class Look(BaseCallback):
-        def _on_step(self):
-            seen.append(type(self.model.critic.q_networks[0][0]))
-            return True
-
+    look = Noted(lambda own: type(own.model.critic.q_networks[0][0]))
     config = load_config(
         "sac", "RoboPianist-debug-CMajorScaleOneHand-v0", n_timesteps=3, learning_starts=1, seed=0
     )
-    train(config, tmp_path / "run", callbacks=[Look()], progress_bar=False)
-    assert seen == [ZeroSkippingLinear] * 3
+    train(config, tmp_path / "run", callbacks=[look], progress_bar=False)
+    assert look.seen == [ZeroSkippingLinear] * 3
+
+
+def test_the_name_up_to_0_2_still_works_and_says_the_new_one():
+    model = make()
+    with pytest.warns(DeprecationWarning, match="is now fast_updates"):
+        context = sparing_updates(model)
+    with context:
+        assert "forward" in vars(model.critic)
+    assert "forward" not in vars(model.critic)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,13 +15,8 @@ from stable_baselines3 import TD3
 
 from sb3_piano.training import RunConfig, RunFolder, train
 
-SMALL = {
-    "policy_kwargs": {"net_arch": [8]},
-    "learning_starts": 20,
-    "batch_size": 8,
-    "buffer_size": 200,
-    "device": "cpu",
-}
+SMALL = {"learning_starts": 20, "batch_size": 8, "buffer_size": 200}
+ON_POLICY = ("ppo", "a2c", "trpo")
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +29,9 @@ def small_config():
     """Return a function that makes a config of a tiny TD3 on Pendulum, episodes of 20 steps."""
 
     def make(**changes):
-        algorithm_kwargs = {**SMALL, **changes.pop("algorithm_kwargs", {})}
+        small = {"n_steps": 20} if changes.get("algo") in ON_POLICY else SMALL
+        small = {"policy_kwargs": {"net_arch": [8]}, "device": "cpu", **small}
+        algorithm_kwargs = {**small, **changes.pop("algorithm_kwargs", {})}
         settings = {
             "algo": "td3",
             "env_id": "Pendulum-v1",
@@ -95,21 +93,31 @@ def pendulum_run(small_config, tmp_path):
 
 
 @pytest.fixture
-def ppo_config():
+def ppo_config(small_config):
     """A tiny PPO with rollouts of 20 steps."""
-    return RunConfig(
-        algo="ppo",
-        env_id="Pendulum-v1",
-        n_timesteps=80,
-        seed=1,
-        algorithm_kwargs={
-            "n_steps": 20,
-            "batch_size": 20,
-            "n_epochs": 1,
-            "policy_kwargs": {"net_arch": [8]},
-            "device": "cpu",
-        },
-    )
+    options = {"batch_size": 20, "n_epochs": 1}
+    return small_config(algo="ppo", n_timesteps=80, env_kwargs={}, algorithm_kwargs=options)
+
+
+@pytest.fixture
+def written(tmp_path) -> Callable[..., Path]:
+    """Return a function that writes what evaluation writes: metrics by piece and seed."""
+
+    def write(name, pieces, physics="fast"):
+        entries = [
+            {
+                "piece": piece,
+                "env_kwargs": {"physics": physics},
+                "episode_seeds": [seed for seed, _ in episodes],
+                "episodes": [metrics for _, metrics in episodes],
+            }
+            for piece, episodes in pieces.items()
+        ]
+        path = tmp_path / name
+        path.write_text(json.dumps({"evaluations": entries}))
+        return path
+
+    return write
 
 
 @pytest.fixture

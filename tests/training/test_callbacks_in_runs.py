@@ -1,15 +1,17 @@
 """Callbacks in ``sb3-piano train``, where environment and folder are the run's, and in RL Zoo."""
 
 import json
+from pathlib import Path
 
 import gymnasium as gym
 import pytest
 from acting import VEC_ENVS, scalars
-from every_callback import ENV_ID, check_what_was_written, write_yaml
 from fresh_python import run_python
 from stable_baselines3 import TD3
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from sb3_piano.cli import main
+from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.training import resume
 from sb3_piano.training.runs.builders import build_vec_env
 from sb3_piano.training.runs.saved import load_statistics
@@ -25,6 +27,7 @@ class WithMetrics(gym.Wrapper):
         return (*result, info)
 
 
+ENV_ID = "RoboPianist-v0"
 F1 = "sb3_piano.callbacks.F1Callback"
 WITH_METRICS = f"{__name__}.WithMetrics"
 
@@ -87,6 +90,31 @@ def test_metrics_and_reward_terms_of_the_training_are_logged_without_being_asked
     folder = run_with().folder
     assert set(scalars(folder, "music/f1")) == set(scalars(folder, "reward/energy")) == {80, 100}
     assert set(scalars(folder, "reward/energy").values()) == {-3.0}
+
+
+LOGGED = {
+    f"{group}/{name}" for group in ("music", "eval") for name in ("f1", "onset_f1", "noop_f1")
+}
+LOGGED |= {"fingers/r1", "reward/key_press", "reward/energy", "eval/mean_reward"}
+"""Some of what the log of a training with every callback has."""
+
+
+def write_yaml(path, score, out):
+    """Write a tiny TD3 of 200 steps with everything on; models and videos go into ``out``."""
+    text = (Path(__file__).parents[1] / "data" / "every_callback.yml").read_text()
+    path.write_text(text.replace("SCORE", str(score)).replace("OUT", str(out)))
+
+
+def check_what_was_written(out, log):
+    """Compare the files of the callbacks, and the log's folder, with what was asked for."""
+    best = {path.name for path in (out / "best").iterdir()}
+    assert best == {"best_model.zip", "best_model.json", "vecnormalize.pkl"}
+    kinds = {path.suffix for path in (out / "videos").glob("step_150.*")}
+    assert kinds - {".mid"} == {".wav", ".mp4"} - ({".mp4"} if find_gl_backend() is None else set())
+    [path] = log.glob("events.*")
+    events = EventAccumulator(str(path)).Reload()
+    assert set(events.Tags()["scalars"]) >= LOGGED
+    assert {event.step for event in events.Scalars("eval/onset_f1")} == {100, 200}
 
 
 @pytest.mark.slow

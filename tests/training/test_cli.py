@@ -6,47 +6,36 @@ import argparse
 import dataclasses
 import os
 import re
+import shlex
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import pytest
 import yaml
 from fresh_python import run_python
+from short_scores import save_tune
 
 import sb3_piano
 from sb3_piano.cli import main
 from sb3_piano.cli.common import adder
+from sb3_piano.cli.main import COMMANDS, parser_of
 from sb3_piano.cli.settings import add_settings, given
 from sb3_piano.envs import ENV_IDS
 from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS
-from sb3_piano.music import Note, Score, load_score, write_midi
+from sb3_piano.music import load_score
 from sb3_piano.music.library import Library
 from sb3_piano.simulation import PHYSICS_PROFILES
 
-SETTINGS = {
-    "n_timesteps": 60,
-    "policy": "MlpPolicy",
-    "policy_kwargs": {"net_arch": [8]},
-    "learning_starts": 30,
-    "batch_size": 8,
-    "buffer_size": 200,
-    "noise_type": "normal",
-    "noise_std": 0.1,
-}
+SMALL = Path(__file__).parents[1] / "data" / "small.yml"
 
 
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "small.yml").write_text(
-        yaml.safe_dump(
-            {
-                "default": {**SETTINGS, "monitor_kwargs": "dict(info_keywords=('f1',))"},
-                "Pendulum-v1": {**SETTINGS, "env_kwargs": {"max_episode_steps": 20}},
-            }
-        )
-    )
+    shutil.copy(SMALL, tmp_path)
 
 
 @pytest.mark.slow
@@ -76,21 +65,16 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     assert "Trained for 80 steps." in capsys.readouterr().out
 
 
-def test_fingers_are_found_for_a_file_without_labels(tmp_path, capsys):
-    notes = [Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + 2 * i) for i in range(3)]
-    write_midi(Score(notes=notes), tmp_path / "plain.mid")
+def test_fingers_are_found_for_a_file_without_labels(tmp_path):
+    save_tune(tmp_path / "plain.mid")
     arguments = ["--midi", "plain.mid", "--fingering", "ergonomic", "--config", "small.yml"]
     assert main(["train", *arguments, "--steps", "3", "--no-progress", "--run", "run"]) == 0
     config = yaml.safe_load((tmp_path / "run" / "config.yml").read_text())
     assert config["env_kwargs"] == {"score": "score.mid", "fingering": "ergonomic"}
-    resume = ["train", "--resume", "run", "--fingering", "keep"]
-    assert main(resume) == 2
-    assert "--fingering cannot be given with --resume" in capsys.readouterr().err
 
 
 def test_a_run_may_be_trained_on_with_other_fingers(tmp_path):
-    notes = [Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + 2 * i) for i in range(3)]
-    write_midi(Score(notes=notes), tmp_path / "plain.mid")
+    save_tune(tmp_path / "plain.mid")
     common = ["--config", "small.yml", "--steps", "3", "--no-progress"]
     assert main(["train", "--midi", "plain.mid", *common, "--run", "run"]) == 0
     start = ["train", "--init-from", "run", "--fingering", "robot"]
@@ -106,7 +90,9 @@ def test_imported_benchmark_pieces_are_listed_among_the_environments(tmp_path, m
     for name in ("mine", "etude-12-PartitaNo26"):
         Library().add(score, name, source="a test", fingering="ours")
     assert main(["envs"]) == 0
-    assert capsys.readouterr().out.split() == [*ENV_IDS, "RoboPianist-etude-12-PartitaNo26-v0"]
+    *built_in, last = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in built_in] == [*ENV_IDS]
+    assert last.split(maxsplit=1) == ["RoboPianist-etude-12-PartitaNo26-v0", "an imported piece"]
 
 
 def test_options_reach_the_run(tmp_path, capsys):
@@ -131,21 +117,37 @@ def test_a_finished_run_says_so(capsys):
     assert "has done 60 of 60 steps: nothing is left to do" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("steps", ["0", "2.5", "many", "inf", "-1"])
-def test_steps_are_a_whole_number(steps, capsys):
-    with pytest.raises(SystemExit, match="2"):
-        main(["train", "--steps", steps])
-    assert "is no whole number from 1 on, such as 1000 or 1e5" in capsys.readouterr().err
-
-
-def test_presets_and_environments_are_listed(capsys):
+def test_presets_and_environments_are_listed_with_what_they_are_for(capsys):
     assert main(["presets"]) == 0
     files = [file for of_set in (PRESETS, *NAMED.values(), FINE_TUNING) for file in of_set.values()]
-    assert capsys.readouterr().out.split() == [str(path) for path in files]
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [str(path) for path in files]
+    assert lines[0].endswith("  CrossQ for the piano environments")
     assert main(["envs"]) == 0
-    listed = capsys.readouterr().out.split()
-    assert listed == list(ENV_IDS)
-    assert all(env_id in gym.registry for env_id in listed)
+    listed = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert [env_id for env_id, _ in listed] == list(ENV_IDS)
+    assert all(env_id in gym.registry for env_id, _ in listed)
+    assert dict(listed)["RoboPianist-scale-CMajor-v0"] == "a scale"
+
+
+def test_a_list_is_cut_to_what_has_a_text(capsys):
+    assert main(["envs", "SCALE-c"]) == 0
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert listed == [env_id for env_id in ENV_IDS if "scale-C" in env_id] != []
+    assert main(["presets", "fsat"]) == 2
+    assert "Nothing has 'fsat' in its name" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_help_opens_with_a_sentence_and_an_example_that_is_one(name, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main([name, "--help"])
+    usage, sentence, example, *_ = capsys.readouterr().out.split("\n\n")
+    assert usage.startswith(f"usage: sb3-piano {name} ")
+    assert sentence.endswith(".")
+    program, *given = shlex.split(example)
+    assert (program, given[0]) == ("sb3-piano", name)
+    assert parser_of(given).parse_args(given).command
 
 
 def test_the_version_is_told(capsys):
@@ -222,5 +224,5 @@ def test_options_say_what_the_settings_say_and_give_what_they_take():
     assert "--shares X [X ...] shares of each, 100 %; default: 0.5 1.0" in text
     assert "--name NAME its name; default: none" in text
     assert given(parser.parse_args([]), Taken) == {}
-    chosen = parser.parse_args(["--count", "3", "--shares", "1", "0.25", "--aloud", "--name", "x"])
-    assert given(chosen, Taken) == {"count": 3, "shares": [1, 0.25], "aloud": True, "name": "x"}
+    chosen = parser.parse_args(["--count", "0", "--shares", "1", "0.25", "--aloud", "--name", "x"])
+    assert given(chosen, Taken) == {"count": 0, "shares": [1, 0.25], "aloud": True, "name": "x"}

@@ -8,12 +8,16 @@ import signal
 import gymnasium as gym
 import pytest
 from acting import LOUD, STILL
+from printed import rows_of
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.cli.evaluate import _several_runs_table, rounded
 from sb3_piano.metrics.episode import FINGER_SHARES
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.statistics import summarize
+
+tables = Tables(__file__)
 
 
 class Stopped(gym.Wrapper):
@@ -46,13 +50,7 @@ def call(capsys):
     return run
 
 
-def rows_of(out):
-    """The cells of all table rows, without the frame."""
-    lines = [line for line in out.splitlines() if line.startswith("│")]
-    return [[cell.strip() for cell in line.strip("│").split("│")] for line in lines]
-
-
-def written(run, tmp_path):
+def metrics_of(run, tmp_path):
     return json.loads((tmp_path / run / "evaluation" / "metrics.json").read_text())
 
 
@@ -60,7 +58,7 @@ def test_losses_are_shown_as_shares_of_what_the_file_counts(piano_run, call, tmp
     piano_run(LOUD)
     code, out, err = call("evaluate run --losses")
     assert (code, err) == (0, "")
-    found = written("run", tmp_path)["losses"]
+    found = metrics_of("run", tmp_path)["losses"]
     table = rows_of(out[out.index("Losses of run:") :])
     for counts in found.values():
         for group, kinds in counts.items():
@@ -80,7 +78,7 @@ def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call,
     assert headings == [
         "Keys, step by step", "Notes, strike by strike", "Pedal", "Fingers", "Return",
     ]  # fmt: skip
-    found = written("run", tmp_path)
+    found = metrics_of("run", tmp_path)
     assert rows[1] == ["F1", f"{found['mean']['f1']:.3f}", f"{found['baseline']['f1']:.3f}"]
     by_name = {row[0]: row[1:] for row in rows}
     energy = [found[side]["return_energy"] for side in ("mean", "baseline")]
@@ -100,7 +98,7 @@ def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call,
 def test_physics_and_seed_reach_the_evaluation(piano_run, call, tmp_path):
     piano_run(STILL)
     assert call("evaluate run --physics fast --seed 3")[0] == 0
-    found = written("run", tmp_path)
+    found = metrics_of("run", tmp_path)
     assert found["env_kwargs"]["physics"] == "fast"
     assert found["episode_seeds"] == [3]
 
@@ -110,7 +108,7 @@ def test_several_episodes_have_mean_deviation_and_interval(pendulum_run, call, t
     code, out, _ = call("evaluate run --episodes 2 --seeds 4 1")
     assert code == 0
     assert "Pendulum-v1: 4 episodes" in out
-    found = written("run", tmp_path)
+    found = metrics_of("run", tmp_path)
     mean, std, interval = (found[k]["return"] for k in ("mean", "std", "interval"))
     rows = {row[0]: row[1:] for row in rows_of(out)}
     assert rows["in all"] == [
@@ -143,9 +141,9 @@ def test_several_runs_have_a_row_each_under_their_piece(piano_run, call, tmp_pat
     assert [row[0] for row in rows_of(out)] == ["duet", "loud", "still", "no-op baseline"]
     names = ("f1", "onset_f1", "non_silent_f1", "return", "normalized_return")
     for row, run in ((1, "loud"), (2, "still")):
-        mean = written(f"runs/{run}", tmp_path)["mean"]
+        mean = metrics_of(f"runs/{run}", tmp_path)["mean"]
         assert rows_of(out)[row][1:] == [rounded(name, mean[name]) for name in names]
-    baseline = written("runs/loud", tmp_path)["baseline"]
+    baseline = metrics_of("runs/loud", tmp_path)["baseline"]
     assert rows_of(out)[3][1:] == [rounded(name, baseline[name]) for name in names]
     assert max(map(len, out.splitlines())) <= 100
 
@@ -230,53 +228,37 @@ def test_a_bar_shows_on_a_terminal_how_far_several_runs_are(pendulum_run, call, 
     assert call("evaluate one")[2] == call("evaluate one two --no-progress")[2] == ""
 
 
-def evaluations(path, values):
-    """Write what evaluate writes: one episode of each piece, with some metrics."""
-    entries = [
-        {"piece": piece, "episode_seeds": [0], "episodes": [metrics]}
-        for piece, metrics in values.items()
-    ]
-    path.write_text(json.dumps({"evaluations": entries}))
+@pytest.fixture
+def evaluations(written):
+    """Return a function that writes an evaluation: one episode of each piece, with some metrics."""
+    return lambda name, values: written(name, {k: [(0, metrics)] for k, metrics in values.items()})
 
 
-def test_a_comparison_shows_each_pair_and_what_they_say_together(call, tmp_path):
+def test_a_comparison_shows_each_pair_and_what_they_say_together(call, evaluations, tmp_path):
     """Ranks 1, 2 and 3 with one sign: p = 2 / 8."""
     a = {"Scale": 0.1, "Waltz": 0.2, "Etude": 0.3, "March": 0.4}
     b = {"Scale": 0.2, "Waltz": 0.4, "Etude": 0.6, "Polka": 0.5}
-    evaluations(tmp_path / "a.json", {piece: {"f1": v, "recall": 1.0} for piece, v in a.items()})
-    evaluations(tmp_path / "b.json", {piece: {"f1": v, "recall": 1.0} for piece, v in b.items()})
+    evaluations("a.json", {piece: {"f1": v, "recall": 1.0} for piece, v in a.items()})
+    evaluations("b.json", {piece: {"f1": v, "recall": 1.0} for piece, v in b.items()})
     command = "compare a.json b.json --metric f1 --metric recall --csv pairs.csv --json all.json"
     code, out, err = call(command)
     assert (code, err) == (0, "")
     rows = rows_of(out)
-    assert rows[:4] == [
-        ["F1", "", "", ""],
-        ["Scale", "0.100", "0.200", "+0.100"],
-        ["Waltz", "0.200", "0.400", "+0.200"],
-        ["Etude", "0.300", "0.600", "+0.300"],
-    ]
+    assert rows[:4] == tables["pairs"]
     summary = {row[0]: row[1:] for row in rows if len(row) == 8}
     interval = summary["F1"][3]
     assert summary["F1"] == ["0.200", "0.400", "+0.200", interval, "3/3", "3/3", "0.25"]
     assert interval == "+0.100..+0.300"
     assert summary["recall"] == ["1.000", "1.000", "0.000", "-", "0/3", "3/3", "-"]
-    for line in (
-        "Left out, as only A has them: March.",
-        "Left out, as only B has them: Polka.",
-        "With 3 pairs p cannot be below 0.25 (F1).",
-        "No interval: all values are equal (recall).",
-        "No test: all pairs are equal (recall).",
-        "┃ A < B ┃ A <= B ┃ Wilcoxon p ┃",
-        "An interval from so few values (3) is too narrow",
-    ):
+    for line in tables["told_of_pairs"]:
         assert line in out
     assert len((tmp_path / "pairs.csv").read_text().splitlines()) == 7
     assert json.loads((tmp_path / "all.json").read_text())["metrics"]["f1"]["wilcoxon_p"] == 0.25
     assert max(map(len, out.splitlines())) <= 100
 
 
-def test_a_comparison_is_drawn(call, tmp_path):
-    evaluations(tmp_path / "a.json", {"Scale": {"f1": 0.1}, "Waltz": {"f1": 0.2}})
+def test_a_comparison_is_drawn(call, evaluations, tmp_path):
+    evaluations("a.json", {"Scale": {"f1": 0.1}, "Waltz": {"f1": 0.2}})
     code, out, err = call("compare a.json a.json --plot differences.svg")
     assert (code, err) == (0, "")
     assert out.endswith("Picture:    differences.svg\n")
@@ -284,10 +266,10 @@ def test_a_comparison_is_drawn(call, tmp_path):
 
 
 @pytest.mark.parametrize(("pairs", "told"), [(5, True), (6, False)])
-def test_the_least_p_is_told_where_it_is_above_a_twentieth(call, tmp_path, pairs, told):
+def test_the_least_p_is_told_where_it_is_above_a_twentieth(call, evaluations, pairs, told):
     """It is 2 / 2^5 = 0.0625 for five pairs and 0.03125 for six."""
-    evaluations(tmp_path / "a.json", {f"No. {n}": {"f1": 0.0} for n in range(pairs)})
-    evaluations(tmp_path / "b.json", {f"No. {n}": {"f1": 0.1 + n / 10} for n in range(pairs)})
+    evaluations("a.json", {f"No. {n}": {"f1": 0.0} for n in range(pairs)})
+    evaluations("b.json", {f"No. {n}": {"f1": 0.1 + n / 10} for n in range(pairs)})
     _, out, _ = call("compare a.json b.json")
     assert ("With 5 pairs p cannot be below 0.0625." in out) == told
     assert ("cannot be below" in out) == told
@@ -295,12 +277,12 @@ def test_the_least_p_is_told_where_it_is_above_a_twentieth(call, tmp_path, pairs
     assert rows_of(out)[-1][-1] == ("0.0625" if told else "0.0312")
 
 
-def test_equal_pairs_are_said_to_be_left_out_of_the_test(call, tmp_path):
+def test_equal_pairs_are_said_to_be_left_out_of_the_test(call, evaluations):
     pieces = "ABCDEFGHIJKLMNOPQRS"
-    evaluations(tmp_path / "a.json", {piece: {"f1": 0.5} for piece in pieces})
+    evaluations("a.json", {piece: {"f1": 0.5} for piece in pieces})
     differences = [0, 0, *range(1, 18)]
     after = {p: {"f1": 0.5 - d / 50} for p, d in zip(pieces, differences, strict=True)}
-    evaluations(tmp_path / "b.json", after)
+    evaluations("b.json", after)
     _, out, _ = call("compare a.json b.json")
     assert "2 equal pairs left out of the test." in out
     assert rows_of(out)[-1][4:] == [rows_of(out)[-1][4], "0/19", "2/19", "< 0.0001"]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from stable_baselines3 import SAC, TD3
+from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
@@ -18,7 +19,9 @@ from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.training import OpenPlayer, RunFolder, clone, evaluate, resume
-from sb3_piano.training.playing.player import player_to_record
+from sb3_piano.training.playing.recording import player_to_record
+
+tables = Tables(__file__)
 
 PENDULUM = "robopianist/Pendulum-v1/td3-v0"
 QUICK = {"epochs": 2, "net_arch": [8], "seed": 0}
@@ -36,15 +39,8 @@ def datasets(tmp_path, monkeypatch):
 def small_yaml(tmp_path):
     """Return a file of hyperparameters for a tiny model."""
     path = tmp_path / "small.yml"
-    settings = {
-        "n_timesteps": 40,
-        "policy": "MlpPolicy",
-        "learning_starts": 20,
-        "batch_size": 8,
-        "buffer_size": 400,
-        "device": "cpu",
-    }
-    path.write_text(yaml.safe_dump({"default": settings}))
+    small = "learning_starts: 20, batch_size: 8, buffer_size: 400, device: cpu"
+    path.write_text(f"default: {{n_timesteps: 40, policy: MlpPolicy, {small}}}")
     return path
 
 
@@ -285,17 +281,7 @@ def test_a_data_set_that_does_not_tell_its_environment_is_refused(midi_file):
         clone("still-v0")
 
 
-@pytest.mark.parametrize(
-    ("package", "extra", "command"),
-    [
-        ("minari", "demonstrations", ["record", "CMajorScaleOneHand"]),
-        ("minari", "demonstrations", ["clone", "a-v0"]),
-        ("minari", "demonstrations", ["corpus", "CMajorScaleOneHand", "--out", "folder"]),
-        ("minari", "demonstrations", ["distill", "--out", "folder"]),
-        ("ray", "ray", ["corpus", "CMajorScaleOneHand", "--out", "folder", "--ray", "local"]),
-        ("huggingface_hub", "hub", ["play", "hf:a/b"]),
-    ],
-)
+@tables("package, extra, command")
 def test_what_is_to_be_installed_is_told(package, extra, command, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, package, None)

@@ -1,35 +1,16 @@
 """Two evaluations side by side, pair by pair."""
 
-import csv
 import json
 
 import pytest
+from printed import read_csv
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import compare
 
-
-@pytest.fixture
-def written(tmp_path):
-    """Return a function that writes what evaluation writes: metrics by piece and seed."""
-
-    def write(name, pieces, physics="fast", **more):
-        entries = [
-            {
-                "piece": piece,
-                "env_kwargs": {"physics": physics},
-                "episode_seeds": [seed for seed, _ in episodes],
-                "episodes": [metrics for _, metrics in episodes],
-            }
-            for piece, episodes in pieces.items()
-        ]
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps({"evaluations": entries, **more}))
-        return path
-
-    return write
+tables = Tables(__file__)
 
 
 @pytest.fixture
@@ -142,7 +123,8 @@ def test_the_main_metrics_are_compared_unless_others_are_named(written):
 def test_run_folders_and_folders_of_runs_are_read(run_folder, tmp_path):
     run = run_folder("td3/one", "Scale", [0.2, 0.4])
     run_folder("sac/one", "Scale", [0.5])
-    run_folder("sac/two", "Scale", [0.7])
+    run_folder("sac/cells/deep/two", "Scale", [0.7])  # as a sweep has them
+    run_folder("sac/one/base", "Scale", [0.0])  # a copy of what a run corrects counts for nothing
     run_folder("sac/three", "Waltz", [0.9])
     comparison = compare(run, tmp_path / "sac")
     (pair,) = comparison.metrics[0].pairs
@@ -166,8 +148,7 @@ def test_the_json_and_the_csv_have_what_was_found(written, tmp_path):
     assert 1.0 <= found["interval"][0] < 2.0 < found["interval"][1] <= 3.0
     assert (content["a"], content["b"], content["by"]) == (str(a), str(b), "piece")
     comparison.write_csv(tmp_path / "pairs.csv")
-    with (tmp_path / "pairs.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_csv(tmp_path / "pairs.csv")
     assert [row["piece"] for row in rows] == ["X", "Y", "Z"]
     assert rows[2] == {
         "metric": "f1", "piece": "Z", "seed": "", "a": "0.0", "b": "3.0", "difference": "3.0",
@@ -206,20 +187,7 @@ def test_what_is_not_there_is_named(written, run_folder, tmp_path):
             compare(folder, a)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("{", "cannot be read \\(Invalid JSON"),
-        ("[1]", "cannot be read \\(0: "),
-        ('{"episodes": []}', "cannot be read \\(0: piece: "),
-        ('{"evaluations": []}', "no run could be evaluated"),
-        (
-            '{"piece": "Scale", "episodes": [{"f1": 1}], "episode_seeds": []}',
-            "1 episodes with 0 seeds",
-        ),
-        ('{"piece": "Scale", "episodes": [], "episode_seeds": []}', "0 episodes with 0 seeds"),
-    ],
-)
+@tables("content, message")
 def test_a_damaged_file_is_named(written, tmp_path, content, message):
     damaged = tmp_path / "damaged.json"
     damaged.write_text(content)

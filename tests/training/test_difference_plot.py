@@ -1,7 +1,5 @@
 """The picture of a comparison, as matplotlib's objects tell what is in it."""
 
-import json
-
 import pytest
 from matplotlib.image import imread
 
@@ -11,17 +9,12 @@ from sb3_piano.training.evaluation.difference_plot import MOST_NAMED, difference
 
 
 @pytest.fixture
-def compared(tmp_path):
+def compared(written):
     """Return a function that compares the metrics of A and B, of one episode of each piece."""
 
     def make(a, b, metrics=None, files=("a.json", "b.json"), by="piece"):
-        for name, pieces in zip(files, (a, b), strict=True):
-            entries = [
-                {"piece": piece, "episode_seeds": [31], "episodes": [values]}
-                for piece, values in pieces.items()
-            ]
-            (tmp_path / name).write_text(json.dumps({"evaluations": entries}))
-        return compare(*(tmp_path / name for name in files), metrics, by=by)
+        sides = ({piece: [(31, values)] for piece, values in side.items()} for side in (a, b))
+        return compare(*map(written, files, sides), metrics, by=by)
 
     return make
 

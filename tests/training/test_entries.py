@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 from rl_zoo3.utils import StoreDict
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
@@ -21,7 +22,10 @@ from sb3_piano.training.configuration.entries import (
     write_entry,
     zoo_entry,
 )
-from sb3_piano.training.configuration.yaml_files import entry_config, read_yaml_mapping
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import entry_config
+
+tables = Tables(__file__)
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"
@@ -31,34 +35,10 @@ ENTRY = {"n_timesteps": 100, "policy": "MlpPolicy"}
 
 
 def test_settings_go_where_their_paths_lead():
-    entry = {
-        **ENTRY,
-        "gamma": 0.8,
-        "policy_kwargs": {"net_arch": [64], "log_std_init": -2},
-        "env_kwargs": "dict(physics='fast', reward_weights=dict(energy=0.01))",
-    }
-    before, layers = copy.deepcopy(entry), [8, 8]
-    settings = {
-        "gamma": 0.9,
-        "tau": 0.01,
-        "policy_kwargs.net_arch": layers,
-        "env_kwargs.n_steps_lookahead": 3,
-        "env_kwargs.reward_weights.fingering": 0.5,
-        "replay_buffer_kwargs.a.b": 1,
-    }
+    entry, settings = {**ENTRY, **tables["entry"]}, tables["settings"]
+    before, layers = copy.deepcopy(entry), settings["policy_kwargs.net_arch"]
     result = with_settings(entry, settings)
-    assert result == {
-        **ENTRY,
-        "gamma": 0.9,
-        "tau": 0.01,
-        "policy_kwargs": {"net_arch": [8, 8], "log_std_init": -2},
-        "env_kwargs": {
-            "physics": "fast",
-            "n_steps_lookahead": 3,
-            "reward_weights": {"energy": 0.01, "fingering": 0.5},
-        },
-        "replay_buffer_kwargs": {"a": {"b": 1}},
-    }
+    assert result == {**ENTRY, **tables["result"]}
     assert {name: setting_at(result, name) for name in settings} == settings
     result["policy_kwargs"]["net_arch"].append(1)  # nothing is shared
     assert (entry, layers) == (before, [8, 8])
@@ -76,19 +56,7 @@ def test_what_is_chosen_as_a_whole_can_be_changed_in_part():
     assert result["env_wrapper"] == [{SCALE: {}}, {STRETCH: {"factor": 3}}]
 
 
-@pytest.mark.parametrize(
-    ("wrappers", "result"),
-    [
-        (None, [{STRETCH: {"factor": 2}}]),
-        (STRETCH, [{STRETCH: {"factor": 2}}]),
-        ({STRETCH: {"factor": 1}}, [{STRETCH: {"factor": 2}}]),
-        (SCALE, [{SCALE: {}}, {STRETCH: {"factor": 2}}]),
-        (
-            [{STRETCH: {"factor": 1}}, {SCALE: {"x": 1}}],
-            [{STRETCH: {"factor": 2}}, {SCALE: {"x": 1}}],
-        ),
-    ],
-)
+@tables("wrappers, result")
 def test_an_argument_goes_to_its_wrapper_and_an_own_wrapper_that_is_missing_outermost(
     wrappers, result
 ):
@@ -107,31 +75,13 @@ def test_two_arguments_of_a_missing_wrapper_go_to_one():
     assert result["env_wrapper"] == [{"sb3_piano.wrappers.FingeringDecay": kwargs}]
 
 
-@pytest.mark.parametrize(
-    ("entry", "name"),
-    [
-        ({}, "gamma"),
-        ({"policy_kwargs": "broken("}, "policy_kwargs.net_arch"),
-        ({"env_kwargs": {"reward_weights": 3}}, "env_kwargs.reward_weights.energy"),
-        ({"env_wrapper": [SCALE, {STRETCH: {}}]}, "env_wrapper.TemporalStretch.factor"),
-        ({}, "env_wrapper.TemporalStretch.factor"),
-    ],
-)
+@tables("entry, name")
 def test_of_what_an_entry_lacks_the_default_is_told(entry, name):
     assert setting_at(entry, name) is None
     assert setting_at(entry, name, 3) == 3
 
 
-@pytest.mark.parametrize(
-    ("entry", "name", "message"),
-    [
-        ({"env_wrapper": [STRETCH, STRETCH]}, "env_wrapper.TemporalStretch.factor", "env_wrapper"),
-        ({"env_wrapper": [{}]}, "env_wrapper.A.b", r".*\{\} is no entry for env_wrapper: expected"),
-        ({"gamma": 0.9}, "gamma.x", "gamma is 0.9: expected a mapping"),
-        ({"policy_kwargs": "dict(a=[1])"}, "policy_kwargs.a.b", "a is .*: expected"),
-        ({"policy_kwargs": "dict(a=)"}, "policy_kwargs.a", "'dict\\(a=\\)' cannot be read"),
-    ],
-)
+@tables("entry, name, message")
 def test_a_path_that_leads_nowhere_is_refused_by_name(entry, name, message):
     with pytest.raises(ConfigError, match=f"^'{name}': {message}"):
         with_settings(entry, {name: 1})
@@ -165,38 +115,16 @@ def test_presets_mean_the_same_when_written_changed_ones_too(algo, tmp_path):
         assert "torch.nn" not in str(written["policy_kwargs"])  # a name that RL Zoo has not
 
 
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
-        ({"learning_rate": "1e-4"}, {"learning_rate": 0.0001}),
-        ({"learning_rate": "lin_3e-4"}, {"learning_rate": "lin_3e-4"}),
-        ({"env_kwargs": "dict(physics='fast')"}, {"env_kwargs": {"physics": "fast"}}),
-        ({"policy_kwargs": {"n_critics": 1}}, {"policy_kwargs": {"n_critics": 1}}),
-        (
-            {"policy_kwargs": "dict(net_arch=[8], activation_fn=nn.ReLU)"},
-            {"policy_kwargs": "{'net_arch': [8], 'activation_fn': nn.ReLU}"},
-        ),
-        (
-            {"policy_kwargs": {"optimizer_class": "torch.optim.AdamW"}},
-            {"policy_kwargs": "{'optimizer_class': importlib.import_module('torch.optim').AdamW}"},
-        ),
-        (
-            {"monitor_kwargs": {"info_keywords": ["f1"], "allow_early_resets": False}},
-            {"monitor_kwargs": "{'info_keywords': ('f1',), 'allow_early_resets': False}"},
-        ),
-        ({"monitor_kwargs": {}}, {"monitor_kwargs": {}}),
-        ({"train_freq": (1, "episode")}, {"train_freq": [1, "episode"]}),
-        ({"callback": {JUDGE: None}}, {"callback": [JUDGE]}),
-        ({"env_wrapper": None}, {"env_wrapper": []}),
-        ({"noise_type": None, "noise_std": None}, {}),
-        ({"noise_type": "normal", "noise_std": "0.1"}, {"noise_type": "normal", "noise_std": 0.1}),
-        ({"normalize": "dict(norm_obs=False)"}, {"normalize": {"norm_obs": False}}),
-    ],
-)
+@tables("changes, expected")
 def test_every_key_is_written_as_rl_zoo_wants_it(changes, expected):
     found, left_out = zoo_entry("sac", ENV_ID, {**ENTRY, **changes})
     assert {name: found[name] for name in changes if name in found} == expected
     assert left_out == {}
+
+
+def test_a_tuple_is_written_as_a_list():
+    found = zoo_entry("sac", ENV_ID, {**ENTRY, "train_freq": (1, "episode")})
+    assert found == ({**ENTRY, "train_freq": [1, "episode"]}, {})
 
 
 def test_a_policy_is_always_written_as_rl_zoo_has_no_default():

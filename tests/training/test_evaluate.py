@@ -1,6 +1,5 @@
 """Evaluation measures what saved models play, and writes it down; one that fails stops no other."""
 
-import csv
 import dataclasses
 import errno
 import json
@@ -11,6 +10,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from acting import LOUD, STILL
+from episodes import steps_of
+from printed import read_csv
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -34,14 +35,16 @@ class DoubleReward(gym.RewardWrapper):
         return 2.0 * float(reward)
 
 
+def loudly(env):
+    """Return rewards and the last info of an episode in which one action is repeated."""
+    steps = list(steps_of(env, lambda _: np.clip(LOUD, -0.9999999, 0.9999999)))
+    return [reward for _, reward, *_ in steps], steps[-1][-1]
+
+
 def test_what_was_played_is_written_as_midi_and_measured(piano_run, midi_file):
     env = gym.make("RoboPianist-v0", score=str(midi_file))
-    env.reset(seed=0)
-    total, over = 0.0, False
-    action = np.clip(LOUD, -0.9999999, 0.9999999)
-    while not over:
-        _, reward, _, over, info = env.step(action)
-        total += reward
+    rewards, info = loudly(env)
+    total = sum(rewards)
     played = env.unwrapped.performance.to_score()
     assert played is not None
 
@@ -182,10 +185,7 @@ def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
     before = own.metrics_file.read_text()
     other = evaluate(folder.path, score="TwinkleTwinkleLittleStar")
     env = gym.make("RoboPianist-v0", score="TwinkleTwinkleLittleStar")
-    env.reset()
-    over, action = False, np.clip(LOUD, -0.9999999, 0.9999999)
-    while not over:
-        *_, over, info = env.step(action)
+    _, info = loudly(env)
     for name in EPISODE_METRICS:
         assert other.mean[name] == pytest.approx(info[name], rel=1e-3, abs=1e-6), name
     assert other.baseline["length"] == other.mean["length"] == len(env.unwrapped.roll)
@@ -250,11 +250,6 @@ def three_runs(pendulum_run):
 def wrap(folder, wrapper):
     path = f"{__name__}.{wrapper.__name__}"
     folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=path))
-
-
-def read_csv(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.mark.slow

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 import yaml
 from fresh_python import run_python
+from yaml_rows import Tables
 
-from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.imports import import_name, known_packages_only
 from sb3_piano.training import evaluate, export_run, load_player
-from sb3_piano.training.configuration.names import import_name, known_packages_only
+
+tables = Tables(__file__)
 
 FRESH = """
     import pickle, sys
@@ -80,21 +82,7 @@ def test_the_card_has_the_figures_of_the_evaluation_in_the_format_of_the_hub(exp
     assert f"| {found.mean['return']:.4f} | {low:.4f} to {high:.4f} |" in body
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"env_module": "evil"},
-        {"env_wrapper": "evil.Wrapper"},
-        {"env_wrapper": "torch.os.system"},
-        {"callback": [{"evil.Callback": {}}]},
-        {"vec_env_wrapper": "evil.Wrapper"},
-        {"policy": "evil.Policy"},
-        {"algorithm_kwargs": {"policy_kwargs": "dict(activation_fn=evil.Net)"}},
-        {"algorithm_kwargs": {"policy_kwargs": {"features_extractor_kwargs": {"a": "evil.A"}}}},
-        {"env_wrapper": {"gymnasium.wrappers.RecordVideo": {"video_folder": "marker"}}},
-        {"env_wrapper": {"sb3_piano.training.RunResidual": {"run": "elsewhere"}}},
-    ],
-)
+@tables("settings")
 def test_settings_that_name_code_of_others_are_refused_unimported(
     exported, tmp_path, monkeypatch, settings
 ):
@@ -120,13 +108,7 @@ def test_settings_ask_for_no_more_memory_than_the_weights_do(exported):
     assert largest(policy_kwargs={"net_arch": [8]}, buffer_size=10**10) < before + 2**17
 
 
-@pytest.mark.parametrize(
-    ("kind", "wrapper", "argument"),
-    [
-        ("env_wrapper", "gymnasium.wrappers.FrameStackObservation", "stack_size"),
-        ("vec_env_wrapper", "stable_baselines3.common.vec_env.VecFrameStack", "n_stack"),
-    ],
-)
+@tables("kind, wrapper, argument")
 def test_wrappers_ask_for_no_memory_without_end(exported, kind, wrapper, argument):
     change(exported, **{kind: [{wrapper: {argument: 10**9}}]})
     with pytest.raises(ConfigError, match=r"FrameStack\w*: 1000000000 is refused in an"):
@@ -154,20 +136,7 @@ def test_names_of_other_packages_are_let_through_afterwards():
     assert import_name("json.dumps")
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "gymnasium.wrappers.RecordVideo",
-        "stable_baselines3.common.monitor.Monitor",
-        "stable_baselines3.common.vec_env.VecMonitor",
-        "sb3_piano.training.runs.builders.EpisodeLog",  # one by another name
-    ],
-)
+@tables("name")
 def test_no_wrapper_that_writes_files_may_be_named(name):
     with known_packages_only(), pytest.raises(ConfigError, match="write no files"):
         import_name(name)
-
-
-def test_options_of_the_web_page_are_refused_with_a_run(capsys):
-    assert main(["export", "run", "folder", "--tree", "4x4"]) == 2
-    assert "--tree cannot be given with a run" in capsys.readouterr().err

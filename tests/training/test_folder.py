@@ -1,13 +1,15 @@
 """The folder of a run: what is in it, who may use it, and a disk that is full."""
 
+import contextlib
 import os
 import shlex
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
 import yaml
-from small_disk import FillAt, small_disk
+from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
@@ -174,10 +176,58 @@ def test_what_is_no_run_or_a_damaged_one_is_named(tmp_path, content, error, mess
 pytestmark = pytest.mark.slow
 
 
+class SmallDisk:
+    """A mounted disk of a few megabytes, by its folder."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self._filler = path / "filler"
+
+    def fill(self) -> None:
+        """Write until there is no room left."""
+        with contextlib.suppress(OSError), self._filler.open("ab", buffering=0) as file:
+            while True:
+                file.write(bytes(512))
+
+    def make_room(self) -> None:
+        """Undo :meth:`fill`."""
+        self._filler.unlink()
+
+    def protect(self) -> None:
+        """Let nobody write any more."""
+        subprocess.run(["mount", "-o", "remount,ro", str(self.path)], check=True)
+
+
+class FillAt(BaseCallback):
+    """Fill the disk of a folder after some steps; named in configs by its import path."""
+
+    def __init__(self, path: str, steps: int):
+        super().__init__()
+        self._disk = SmallDisk(Path(path))
+        self._steps = steps
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps == self._steps:
+            self._disk.fill()
+        return True
+
+
 @pytest.fixture
 def disk(tmp_path):
-    with small_disk(tmp_path / "disk") as disk:
-        yield disk
+    """Mount a disk; skip the test where that is not allowed."""
+    path = tmp_path / "disk"
+    path.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(path)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True)
+    except FileNotFoundError:
+        pytest.skip("there is no mount")
+    if done.returncode != 0:
+        pytest.skip(f"no disk can be mounted: {done.stderr.strip()}")
+    try:
+        yield SmallDisk(path)
+    finally:
+        subprocess.run(["umount", "--lazy", str(path)], check=True)
 
 
 def error_of(capfd, *arguments):
@@ -213,19 +263,14 @@ def test_a_training_whose_disk_fills_up_goes_on_when_there_is_room(
 
 
 def test_a_training_whose_disk_is_full_at_once_says_that_nothing_is_saved(small_config, disk):
+    options = {"callbacks": [FillAt(str(disk.path), 1)], "checkpoint_every": 30}
     with pytest.raises(RunError, match=r"It had saved nothing yet\. When there is room, go on"):
-        train(
-            small_config(),
-            disk.path / "run",
-            callbacks=[FillAt(str(disk.path), 1)],
-            progress_bar=False,
-            checkpoint_every=30,
-        )
+        train(small_config(), disk.path / "run", progress_bar=False, **options)
 
 
 def test_the_command_tells_it_in_one_line(small_config, disk, tmp_path, capfd):
     settings = {"policy_kwargs": {"net_arch": [8]}, "learning_starts": 20, "buffer_size": 200}
-    fill = {"small_disk.FillAt": {"path": str(disk.path), "steps": 35}}
+    fill = {f"{__name__}.FillAt": {"path": str(disk.path), "steps": 35}}
     config = {"default": {**settings, "callback": [fill], "n_timesteps": 100}}
     (tmp_path / "small.yml").write_text(yaml.safe_dump(config))
     run = disk.path / "run"

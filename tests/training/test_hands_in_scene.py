@@ -9,18 +9,10 @@ from sb3_piano.training import evaluate, load_config, train
 @pytest.mark.slow
 @pytest.mark.parametrize("hands", ["right", "left", "none"])
 def test_a_run_is_trained_judged_watched_and_reported(hands, midi_file, tmp_path, capsys):
-    config = load_config(
-        "ppo",
-        "RoboPianist-v0",
-        n_timesteps=32,
-        n_envs=1,
-        n_steps=16,
-        batch_size=16,
-        n_epochs=1,
-        policy_kwargs={"net_arch": [8]},
-        callback=[],
-        env_kwargs={"score": str(midi_file), "physics": "fast", "hands_in_scene": hands},
-    )
+    small = {"n_timesteps": 32, "n_envs": 1, "n_steps": 16, "batch_size": 16, "n_epochs": 1}
+    small |= {"policy_kwargs": {"net_arch": [8]}, "callback": []}
+    played = {"score": str(midi_file), "physics": "fast", "hands_in_scene": hands}
+    config = load_config("ppo", "RoboPianist-v0", env_kwargs=played, **small)
     run = tmp_path / "run"
     train(config, run)
     found = evaluate(run, motion=True)

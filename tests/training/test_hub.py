@@ -35,15 +35,8 @@ class Hub(http.server.BaseHTTPRequestHandler):
             self.server.asked.append(f"{asked['organization']}/{asked['name']}")
             self.send({"url": f"http://{self.headers['Host']}/a/b"})
         elif "/preupload/" in self.path:
-            paths = [file["path"] for file in json.loads(body)["files"]]
-            self.send(
-                {
-                    "files": [
-                        {"path": path, "uploadMode": "regular", "shouldIgnore": False}
-                        for path in paths
-                    ]
-                }
-            )
+            how = {"uploadMode": "regular", "shouldIgnore": False}
+            self.send({"files": [{**how, "path": f["path"]} for f in json.loads(body)["files"]]})
         elif "/commit/" in self.path:
             for line in map(json.loads, body.splitlines()):
                 if line["key"] == "file":
@@ -66,15 +59,11 @@ class Hub(http.server.BaseHTTPRequestHandler):
                 return
             body = file.read_bytes()
         elif "/tree/" in path:
-            body = json.dumps(
-                [
-                    {"type": "file", "path": n, "size": f.stat().st_size, "oid": "0"}
-                    for n, f in zip(names, files, strict=True)
-                ]
-            ).encode()
+            sizes = zip(names, (f.stat().st_size for f in files), strict=True)
+            body = [{"type": "file", "path": n, "size": size, "oid": "0"} for n, size in sizes]
         else:
             siblings = [{"rfilename": name} for name in names]
-            body = json.dumps({"id": "a/b", "sha": COMMIT, "siblings": siblings}).encode()
+            body = {"id": "a/b", "sha": COMMIT, "siblings": siblings}
         self.send(body, with_body)
 
     def send(self, content, with_body=True):

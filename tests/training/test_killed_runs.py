@@ -7,7 +7,6 @@ import sys
 import time
 
 import pytest
-import yaml
 from fresh_python import run_python, running_python
 from stable_baselines3 import SAC
 
@@ -28,16 +27,9 @@ COMMAND = [
 @pytest.fixture
 def long(tmp_path):
     """Write the settings of a long training on Pendulum."""
-    settings = {
-        "n_timesteps": 1_000_000,
-        "policy_kwargs": {"net_arch": [8]},
-        "learning_starts": 100,
-        "batch_size": 8,
-        "buffer_size": 2000,
-        "env_kwargs": {"max_episode_steps": 50},
-        "device": "cpu",
-    }
-    (tmp_path / "long.yml").write_text(yaml.safe_dump({"default": settings}))
+    small = "policy_kwargs: {net_arch: [8]}, learning_starts: 100, batch_size: 8, buffer_size: 2000"
+    settings = f"n_timesteps: 1000000, {small}, env_kwargs: {{max_episode_steps: 50}}, device: cpu"
+    (tmp_path / "long.yml").write_text(f"default: {{{settings}}}")
 
 
 def wait_for(condition, ended):

@@ -80,15 +80,9 @@ def former():
     def write(folder="former", algo="planned", **arguments):
         Path(folder).mkdir()
         shutil.copy("tune.mid", Path(folder, "score.mid"))
-        settings = {
-            "algo": algo,
-            "env_id": "RoboPianist-v0",
-            "env_module": None,
-            "seed": 0,
-            "env_kwargs": {**PLANNED_IN, **FAST, "score": "score.mid"},
-            "env_wrapper": [],
-            "algorithm_kwargs": arguments,
-        }
+        played = {**PLANNED_IN, **FAST, "score": "score.mid"}
+        settings = {"algo": algo, "env_kwargs": played, "algorithm_kwargs": arguments, "seed": 0}
+        settings |= {"env_id": "RoboPianist-v0", "env_module": None, "env_wrapper": []}
         Path(folder, "config.yml").write_text(yaml.safe_dump(settings))
         return folder
 
@@ -329,18 +323,3 @@ def test_ctrl_c_ends_a_refinement_and_keeps_the_best_so_far(monkeypatch, capsys)
     assert main(command) == 130
     assert "interrupted: the best plan so far is kept" in capsys.readouterr().err
     assert Path("leap.npz").is_file()
-
-
-def test_a_folder_is_no_piece_to_plan(capsys):
-    Path("folder").mkdir()
-    assert main(["plan", "folder", "--refine", "5"]) == 2
-    assert "'folder' is a folder: expected a piece or a file. A plan is a file" in (
-        capsys.readouterr().err
-    )
-
-
-@pytest.mark.parametrize("minutes", ["0", "-1", "soon", "inf", "nan"])
-def test_a_time_for_refinement_is_above_0(minutes, capsys):
-    with pytest.raises(SystemExit):
-        main(["plan", "leap.mid", "--refine", minutes])
-    assert "is no number of minutes above 0" in capsys.readouterr().err

@@ -50,7 +50,7 @@ def test_an_episode_ends_when_a_wrapper_of_the_run_ends_it(piano_run):
     with OpenPlayer.open(folder.path) as player:
         endless = player.episodes()
         next(endless)
-        player.vec_env.step([STILL])  # leave one under way
+        player.wrapped.step(STILL)  # leave one under way
         assert [recording.metrics["length"] for recording in player.play(2)] == [3, 3]
 
 

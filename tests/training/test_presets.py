@@ -24,7 +24,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.training import evaluate, load_config, train
-from sb3_piano.training.playing.player import write_player
+from sb3_piano.training.playing.player_files import write_player
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.vec_env import HandsAsAgents
 
@@ -292,16 +292,9 @@ def test_every_hand_is_an_agent_that_sees_and_does_as_much(env_id):
 def test_fast_trains_on_any_file_and_the_run_can_be_judged_and_shared(tmp_path):
     notes = [Note(onset=0.1 * n, offset=0.1 * n + 0.1, pitch=60 + 2 * n) for n in range(3)]
     write_midi(Score(notes=notes, title="three notes"), tmp_path / "three.mid")
-    config = load_config(
-        "sac",
-        "RoboPianist-v0",
-        "fast",
-        seed=0,
-        n_envs=1,
-        n_timesteps=120,
-        learning_starts=60,
-        env_kwargs={"score": str(tmp_path / "three.mid")},
-    )
+    settings = {"n_envs": 1, "n_timesteps": 120, "learning_starts": 60, "seed": 0}
+    settings["env_kwargs"] = {"score": str(tmp_path / "three.mid")}
+    config = load_config("sac", "RoboPianist-v0", "fast", **settings)
     run = train(config, tmp_path / "run", progress_bar=False).folder
     found = evaluate(run.path, physics="reference")
     assert 0 <= found.mean["f1"] <= 1

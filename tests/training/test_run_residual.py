@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from stable_baselines3 import SAC
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.demonstrations import record
@@ -32,7 +33,8 @@ from sb3_piano.training import (
     train,
 )
 from sb3_piano.training.configuration.plugins import Plugin
-from sb3_piano.training.playing.player import player_to_record, write_player
+from sb3_piano.training.playing.player_files import write_player
+from sb3_piano.training.playing.recording import player_to_record
 from sb3_piano.wrappers import PitchShift
 
 TUNE = Score(notes=[Note(onset=i / 5, offset=(i + 1) / 5, pitch=72 + i, finger=i) for i in (0, 1)])
@@ -55,16 +57,8 @@ def made(tmp_path_factory):
     """Return the folder of a run with wrappers, normalised observations and the piano's actions."""
     place = tmp_path_factory.mktemp("runs")
     write_midi(TUNE, place / "tune.mid")
-    config = RunConfig(
-        algo="td3",
-        env_id=GENERAL_ID,
-        seed=0,
-        env_kwargs={"score": str(place / "tune.mid"), "observation": "fingers", "physics": "fast"},
-        env_wrapper=[{"sb3_piano.wrappers.PitchShift": {"semitones": 2}}],
-        normalize={"norm_reward": False},
-        n_timesteps=60,
-        algorithm_kwargs={"learning_starts": 20, "batch_size": 8, "learning_rate": 0.01},
-    )
+    config = RunConfig(env_id=GENERAL_ID, **Tables(__file__)["made"])
+    config = config.in_env(score=str(place / "tune.mid"))
     return train(config, place / "base", progress_bar=False).folder
 
 
@@ -157,18 +151,11 @@ def test_a_run_is_trained_on_and_its_folder_has_all_that_it_needs(base, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("algo", ["td3", "ppo"])
 def test_other_algorithms_correct_it_too(base, algo):
-    brief = {"n_steps": 8} if algo == "ppo" else {"learning_starts": 16, "buffer_size": 64}
-    settings = {**{k: v for k, v in BRIEF.items() if k in ("n_envs", "vec_env")}, **brief}
     entry = yaml.safe_load(FINE_TUNING[algo].read_text())["default"]
-    config = load_fine_tuning(
-        algo,
-        player="base",
-        seed=0,
-        n_timesteps=40,
-        batch_size=8,
-        callback=entry["callback"][:1],
-        **settings,
-    )
+    own = {"n_steps": 8} if algo == "ppo" else {"learning_starts": 16, "buffer_size": 64}
+    brief = {name: BRIEF[name] for name in ("n_envs", "vec_env", "n_timesteps", "batch_size")}
+    brief |= {"callback": entry["callback"][:1], **own}
+    config = load_fine_tuning(algo, player="base", seed=0, **brief)
     assert train(config, "run", progress_bar=False).num_timesteps >= 40
 
 
@@ -307,7 +294,7 @@ def test_the_command_takes_the_runs_own_piece(base, capsys):
     assert config.env_kwargs["observation"] == "fingers"
 
 
-def test_what_cannot_be_corrected_is_refused(base, tmp_path, capsys):
+def test_what_cannot_be_corrected_is_refused(base, tmp_path):
     env = base.read_config().env.make()
     with pytest.raises(RunError, match="There is no folder"):
         RunResidual(env, tmp_path / "none")
@@ -319,8 +306,3 @@ def test_what_cannot_be_corrected_is_refused(base, tmp_path, capsys):
     residual.reset(seed=0)
     with pytest.raises(InvalidActionError, match=r"expected \(38,\)"):
         residual.step(np.zeros(39))
-    Path("empty").mkdir()
-    assert main(["train", "--from", "empty", "--steps", "1"]) == 2
-    assert "'empty' is no run" in capsys.readouterr().err
-    assert main(["train", "--from", "sight-reader", "--steps", "1"]) == 2
-    assert "Nothing to play" in capsys.readouterr().err

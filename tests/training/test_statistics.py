@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from yaml_rows import Tables
 
 from sb3_piano.training.evaluation.statistics import bootstrap_interval, signed_rank_test, summarize
+
+tables = Tables(__file__)
 
 
 def plain_interval(values, resamples=20_000):
@@ -66,17 +69,7 @@ def test_where_nothing_varies_there_is_a_reason_in_place_of_an_interval(values, 
     assert summary.mean == pytest.approx(values[0])
 
 
-@pytest.mark.parametrize(
-    "differences",
-    [
-        [1.0, 2.0],
-        [1.0, 2.0, -3.0, 4.0, 5.0],
-        [-0.1, -0.2, -0.3, -0.4, -0.5, -0.6],
-        [0.3, -0.1, 0.25, 0.7, -0.05, 0.4, 0.9, 1.1],
-        [1.0, 1.0, -1.0, 2.0, 2.0, 3.0],  # equal sizes share their mean rank
-        [0.0, 2.0, 0.0, -1.0, 3.0, 4.0],  # zeros do not count
-    ],
-)
+@tables("differences")
 def test_the_test_is_that_of_trying_all_signs(differences):
     test = signed_rank_test(differences)
     assert test.p == pytest.approx(enumerated_p(differences), abs=1e-12)
@@ -88,15 +81,7 @@ def test_sizes_that_are_equal_but_for_rounding_share_their_rank():
     assert signed_rank_test([0.1, -(0.3 - 0.2), 0.4 - 0.3, 0.1, 0.2]) == exact
 
 
-@pytest.mark.parametrize(
-    ("differences", "reason"),
-    [
-        ([], "fewer than 2 pairs"),
-        ([0.4], "fewer than 2 pairs"),
-        ([0.0, 0.0, 0.0], "all pairs are equal"),
-        ([0.0, 0.4, 0.0], "fewer than 2 pairs differ"),
-    ],
-)
+@tables("differences, reason")
 def test_without_two_pairs_that_differ_there_is_a_reason_in_place_of_a_test(differences, reason):
     test = signed_rank_test(differences)
     assert (test.p, test.least_p, test.no_test) == (None, None, reason)

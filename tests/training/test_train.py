@@ -11,12 +11,15 @@ import torch
 from acting import ActAt, act_at, parameters, scalars
 from stable_baselines3 import PPO, TD3
 from stable_baselines3.common.monitor import load_results
+from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.training import RunFolder, resume, train
 from sb3_piano.training.runs import train as session_module
+
+tables = Tables(__file__)
 
 
 @pytest.mark.slow
@@ -63,15 +66,7 @@ def test_a_seed_that_was_not_given_is_drawn_and_noted(run):
     assert isinstance(config.seed, int)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"env_kwargs": {"gravity": 1}}, "cannot be made with env_kwargs"),
-        ({"env_id": "CartPole-v1"}, "TD3 cannot be made"),
-        ({"callback": "builtins.dict"}, "no subclass of BaseCallback"),
-        ({"every": 0}, "checkpoint_every is 0: expected a whole number"),
-    ],
-)
+@tables("changes, message")
 def test_nothing_is_written_if_anything_cannot_be_built(run, tmp_path, changes, message):
     with pytest.raises(ConfigError, match=message):
         run(**changes)
@@ -286,26 +281,14 @@ def test_a_run_that_had_saved_nothing_starts_over(run, monkeypatch, caplog, tmp_
     assert [path.name for path in result.folder.tensorboard_dir.iterdir()] == ["run_1"]
 
 
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [
-        ({"algo": "sac"}, "has algo 'td3', not 'sac'"),
-        ({"env_id": "MountainCarContinuous-v0"}, "has env_id 'Pendulum-v1', not 'Mount"),
-    ],
-)
+@tables("asked, message")
 def test_another_run_than_asked_for_is_refused(run, asked, message):
     folder = run(n_timesteps=20).folder
     with pytest.raises(ConfigError, match=message):
         resume(folder.path, 40, **asked)
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "message"),
-    [
-        ("checkpoint", '"td3"', '"sac"', "is of a run with algo 'sac', but .* has 'td3'"),
-        ("both", "Pendulum-v1", "MountainCarContinuous-v0", "expected a model that TD3 saved for"),
-    ],
-)
+@tables("file, old, new, message")
 def test_a_checkpoint_or_a_model_of_another_run_is_refused(run, file, old, new, message):
     folder = run(n_timesteps=20).folder
     files = [folder.checkpoint_dir / "checkpoint.json", folder.config_file]

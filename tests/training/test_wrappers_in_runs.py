@@ -14,6 +14,7 @@ from fresh_python import run_python
 from short_scores import score_of
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
+from yaml_rows import Tables
 
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
@@ -33,6 +34,8 @@ from sb3_piano.training import (
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.viewing.take import Take
 
+tables = Tables(__file__)
+
 ENV_ID = "RoboPianist-v0"
 ROOM = "sb3_piano.wrappers"
 
@@ -41,16 +44,7 @@ PIECE = score_of((0.0, 0.2, 72, 0), (0.2, 0.4, 76, 2), title="two notes")
 STEPS, STACKED_STEPS = 9, 13
 PITCHES, STACKED_PITCHES = [72, 76], [75, 79]
 
-STACK = [
-    {f"{ROOM}.PitchShift": {"semitones": 3}},
-    {f"{ROOM}.TemporalStretch": {"factor": 1.5}},
-    {f"{ROOM}.KeyRange": {"keys": [60, 84]}},
-    f"{ROOM}.HideFingering",
-    {f"{ROOM}.RewardWeights": {"weights": {"energy": 0.25, "fingering": 2}}},
-    {f"{ROOM}.FingeringDecay": {"n_steps": 20, "start": 5}},
-    f"{ROOM}.KeyRewardTiering",
-    {f"{ROOM}.RewardTiering": {"threshold": 0.25}},
-]
+STACK = tables["stack"]
 SAVED = [entry if isinstance(entry, dict) else {entry: {}} for entry in STACK]
 
 # A goal of 11 rows for 25 keys and the pedal, the fingers, the keys' state, and all the rest.
@@ -112,15 +106,7 @@ def play_steps(venv, count):
 
 
 def write_yaml(path, **changes):
-    entry = {
-        "n_timesteps": 40,
-        "policy": "MlpPolicy",
-        "policy_kwargs": "dict(net_arch=[8])",
-        "learning_starts": 1000,
-        "buffer_size": 100,
-        "env_kwargs": {"physics": "fast"},
-        "env_wrapper": copy.deepcopy(STACK),
-    }
+    entry = {**tables["entry"], "env_wrapper": copy.deepcopy(STACK)}
     path.write_text(yaml.safe_dump({ENV_ID: {**entry, **changes}}))
     return path
 
@@ -185,14 +171,7 @@ def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_p
     assert f"<h1>{titles[0][0]}</h1>" in write_report(run.path, seed=5).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ({"PitchShift": {"semitone": 3}}, "PitchShift cannot be called with {'semitone': 3}"),
-        ({"KeyRange": {"keys": [72, 74]}}, "76"),
-        ("PitchShifts", "has no 'PitchShifts'. Did you mean 'PitchShift'"),
-    ],
-)
+@tables("entry, message")
 def test_wrong_arguments_are_one_clear_error_and_leave_no_folder(
     entry, message, tmp_path, score_file, capsys
 ):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from fresh_python import run_python
+from yaml_rows import Tables
 
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.simulation.gl import find_gl_backend
@@ -24,17 +25,7 @@ _PARTS = re.split(r"^## (.*)\n", GUIDE, flags=re.MULTILINE)[1:]
 SECTIONS = dict(zip(_PARTS[::2], _PARTS[1::2], strict=True))
 
 STEPS = 160
-# What is shortened in the guide's commands; they read a copy of the preset that is short too.
-SHORT = {
-    "sb3_piano/hyperparams/sac.yml": "short.yml",
-    "--eval-freq 5000": "--eval-freq 80",
-    "eval_freq=5000": "eval_freq=80",
-    "in 1 2 3;": "in 1 2;",
-    "-n 20000": "-n 60",
-    "--n-trials 40": "--n-trials 2",
-    "-n 150": "-n 2",
-    "-w 20": "-w 1",
-}
+SHORT = Tables(__file__)["short"]
 
 
 def blocks(section, language="bash"):

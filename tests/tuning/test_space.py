@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import pickle
+from pathlib import Path
 
 import gymnasium as gym
 import optuna
@@ -73,19 +74,12 @@ def test_yaml_and_the_store_give_parameters_and_values_back(form):
         assert of.value(of.stored(value)) == pytest.approx(value, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "distribution",
-    [
-        FloatDistribution(1e-4, 1e-2, log=True),
-        FloatDistribution(0, 1, step=0.25),
-        IntDistribution(1, 9, step=2),
-        CategoricalDistribution(("a", "b")),
-    ],
-)
-def test_optunas_distributions_are_taken_as_they_are(distribution):
-    found = parameter(distribution)
-    assert found.distribution == distribution
-    assert parameter(found.form) == found
+def test_optunas_distributions_are_taken_as_they_are():
+    floats = FloatDistribution(1e-4, 1e-2, log=True), FloatDistribution(0, 1, step=0.25)
+    for distribution in (*floats, IntDistribution(1, 9, step=2), CategoricalDistribution("ab")):
+        found = parameter(distribution)
+        assert found.distribution == distribution
+        assert parameter(found.form) == found
 
 
 def test_a_discount_is_searched_evenly_in_the_logarithm_of_its_distance_from_1():
@@ -264,6 +258,17 @@ def test_defaults_count_and_what_lies_outside_is_left_out(entry, params):
     assert SPACE.params_of("sac", ENV_ID, {**ENTRY, **entry}) == params
 
 
+def test_the_weight_of_a_reward_term_of_ones_own_is_searched_from_its_default():
+    name = "env_kwargs.reward_weights.still"
+    space = Space({name: {"float": [0.1, 2.0]}})
+    entry = {**ENTRY, "env_kwargs": {"reward_terms": {"still": "own_terms.still"}}}
+    assert space.params_of("sac", ENV_ID, entry) == {name: 0.25}
+    assert space.params_of("sac", ENV_ID, with_settings(entry, {name: 0.5})) == {name: 0.5}
+    check_space(space, "sac", ENV_ID, entry)
+    with pytest.raises(ConfigError, match="Unknown reward term 'still'"):
+        check_space(space, "sac", ENV_ID, ENTRY)
+
+
 # Spaces by name and from files.
 
 
@@ -278,26 +283,22 @@ def test_a_space_comes_from_names_and_files_of_which_the_last_one_counts(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "sources", "message"),
     [
-        (None, "a.yml' cannot be read: No such file"),
-        ("{}", r"a.yml': Search space: \{\} cannot be searched"),
-        ("[]", "a.yml' holds list at the top level"),
-        ("tau: {flaot: [0, 1]}", "a.yml': Search space: 'tau': .* Did you mean 'float'"),
+        (None, ["a.yml"], "a.yml' cannot be read: No such file"),
+        ("{}", ["a.yml"], r"a.yml': Search space: \{\} cannot be searched"),
+        ("[]", ["a.yml"], "a.yml' holds list at the top level"),
+        ("tau: {flaot: [0, 1]}", ["a.yml"], "a.yml': Search space: 'tau': .* Did you mean 'float'"),
+        (None, ["saq"], "^Unknown search space 'saq'. Did you mean 'sac'.*YAML"),
+        (None, [], "^Unknown search space 'a2c'"),
     ],
 )
-def test_a_file_that_holds_no_space_is_named(tmp_path, text, message):
+def test_what_holds_no_space_is_named(tmp_path, monkeypatch, text, sources, message):
+    monkeypatch.chdir(tmp_path)
     if text is not None:
-        (tmp_path / "a.yml").write_text(text)
+        Path("a.yml").write_text(text)
     with pytest.raises(ConfigError, match=message):
-        load_space([tmp_path / "a.yml"], "sac")
-
-
-def test_an_unknown_name_is_refused():
-    with pytest.raises(ConfigError, match="^Unknown search space 'saq'. Did you mean 'sac'.*YAML"):
-        load_space(["saq"], "sac")
-    with pytest.raises(ConfigError, match="^Unknown search space 'a2c'"):
-        load_space([], "a2c")
+        load_space(sources, "a2c")
 
 
 # The spaces that come with the package fit algorithms, environments and presets.
@@ -332,9 +333,9 @@ def test_the_settings_of_the_debug_presets_lie_inside(name, env_id):
 def test_the_published_settings_lie_inside(name):
     env_id, space = "RoboPianist-v0", SPACES[name]
     settings = space.settings(space.params_of(name, env_id, load_entry(name, env_id)))
+    known = {"gamma": 0.8, "tau": 0.005, "policy_kwargs.net_arch": [256, 256, 256]}
+    assert {**settings, **known} == settings
     assert {"learning_rate", "batch_size"} <= settings.keys()
-    assert (settings["gamma"], settings["tau"]) == (0.8, 0.005)
-    assert settings["policy_kwargs.net_arch"] == [256, 256, 256]
 
 
 def test_batches_of_ppo_are_all_full():

@@ -67,16 +67,13 @@ def folder(tmp_path) -> StudyFolder:
     return StudyFolder(tmp_path / "study")
 
 
-@pytest.fixture(params=["embedded", "database"])
-def url(request) -> str | None:
-    return None if request.param == "embedded" else request.getfixturevalue("database_url")
-
-
 # What makes two studies one.
 
 
 @pytest.mark.slow
-def test_a_new_study_says_what_it_is_and_waits_with_the_preset(opened, url, recwarn):
+@pytest.mark.parametrize("where", ["embedded", "database"])
+def test_a_new_study_says_what_it_is_and_waits_with_the_preset(opened, where, request, recwarn):
+    url = None if where == "embedded" else request.getfixturevalue("database_url")
     study = opened(url=url, pruner="hyperband")
     assert study.direction == optuna.study.StudyDirection.MAXIMIZE
     assert study.user_attrs["identity"] == CONFIG.identity()
@@ -152,21 +149,23 @@ def test_what_a_store_gives_back_in_another_type_is_the_same(opened):
 
 
 @pytest.mark.parametrize(
-    "directions", [["minimize"], ["maximize", "minimize"], ["maximize"]], ids=str
+    ("directions", "begun"),
+    [(["minimize"], 1), (["maximize", "minimize"], 1), (["maximize"], 1), (["maximize"], 0)],
+    ids=str,
 )
-def test_a_study_of_another_program_is_refused(directions, opened, folder, monkeypatch):
+def test_a_study_of_another_program_is_refused_one_just_begun_is_made_to_an_end(
+    directions, begun, opened, folder, monkeypatch
+):
     monkeypatch.setattr(storage, "_MAKING_SECONDS", 0.2)
     with opened_store(None, folder) as store:
-        optuna.create_study(study_name="twinkle", storage=store, directions=directions).ask()
-    with pytest.raises(ConfigError, match="Study 'twinkle' is another program's: expected one of"):
-        opened()
-
-
-def test_a_study_whose_maker_was_killed_at_once_is_made_to_an_end(opened, folder, monkeypatch):
-    monkeypatch.setattr(storage, "_MAKING_SECONDS", 0.2)
-    with opened_store(None, folder) as store:
-        optuna.create_study(study_name="twinkle", storage=store, direction="maximize")
-    assert [trial.user_attrs for trial in opened().get_trials()] == [{ORIGIN: PRESET}]
+        study = optuna.create_study(study_name="twinkle", storage=store, directions=directions)
+        for _ in range(begun):
+            study.ask()
+    if begun:
+        with pytest.raises(ConfigError, match="Study 'twinkle' is another program's: expected"):
+            opened()
+    else:
+        assert [trial.user_attrs for trial in opened().get_trials()] == [{ORIGIN: PRESET}]
 
 
 # The journal.

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import optuna
 import pytest
+from optuna.distributions import CategoricalDistribution, FloatDistribution
 from optuna.trial import TrialState
 from small_study import small_study
 
@@ -27,62 +28,59 @@ def test_a_file_counts_by_its_content(option, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("setting", "message"),
+    ("make", "setting", "message"),
     [
-        ({"metric": "f2"}, "metric is 'f2': expected one of 'f1', 'onset_f1'"),
-        ({"objective": "last"}, "objective is 'last': expected one of 'final', 'best'"),
-        ({"seeds": ()}, "seeds are"),
-        ({"seeds": (1, 1)}, "seeds are"),
-        ({"seeds": (-1,)}, r"seeds\[0\] is -1: expected a whole number, 0 or more"),
-        ({"seeds": (3,), "eval_seed": 3}, "eval_seed is 3: expected one or more"),
-        ({"eval_episodes": 0}, "eval_episodes is 0"),
-        ({"n_evaluations": 41}, "n_evaluations is 41, in 40 steps"),
-        ({"minutes": 0.0}, "minutes is 0.0: expected a finite number above 0"),
+        (small_study, {"metric": "f2"}, "metric is 'f2': expected one of 'f1', 'onset_f1'"),
+        (
+            small_study,
+            {"objective": "last"},
+            "objective is 'last': expected one of 'final', 'best'",
+        ),
+        (small_study, {"seeds": ()}, "seeds are"),
+        (small_study, {"seeds": (1, 1)}, "seeds are"),
+        (small_study, {"seeds": (-1,)}, r"seeds\[0\] is -1: expected a whole number, 0 or more"),
+        (small_study, {"seeds": (3,), "eval_seed": 3}, "eval_seed is 3: expected one or more"),
+        (small_study, {"eval_episodes": 0}, "eval_episodes is 0"),
+        (small_study, {"n_evaluations": 41}, "n_evaluations is 41, in 40 steps"),
+        (small_study, {"minutes": 0.0}, "minutes is 0.0: expected a finite number above 0"),
+        (Search, {"sampler": "tpes"}, "sampler is 'tpes': expected one .* Did you mean 'tpe'?"),
+        (Search, {"pruner": "Median"}, "pruner is 'Median': expected .* Did you mean 'median'?"),
+        (Search, {"startup_trials": 0}, "startup_trials is 0: expected a whole number, 1 or more."),
+        (Search, {"seed": -1}, "seed is -1: expected a whole number, 0 or more."),
     ],
 )
-def test_a_setting_out_of_range_is_refused(setting, message):
+def test_a_setting_out_of_range_is_refused(make, setting, message):
     with pytest.raises(ConfigError, match=message):
-        small_study(**setting)
+        make(**setting)
 
 
-# Samplers and pruners by name, on studies whose objective is a parabola.
+# Samplers and pruners by name, on trials whose values are made up.
 
 STEPS = 100
+SPACE = {"x": FloatDistribution(-4.0, 4.0), "label": CategoricalDistribution(["a", "b"])}
 
 
 def config(n_evaluations: int = 5, seeds: tuple[int, ...] = (0,)) -> StudyConfig:
     return small_study(entry={"n_timesteps": STEPS}, n_evaluations=n_evaluations, seeds=seeds)
 
 
-def steps_of(study_config: StudyConfig) -> list[int]:
-    total = STEPS * len(study_config.seeds)
-    interval = STEPS // study_config.n_evaluations
-    return list(range(interval, total + 1, interval))
+def study_of(search: Search, of: StudyConfig) -> optuna.Study:
+    parts = {"sampler": make_sampler(search), "pruner": make_pruner(search, of)}
+    return optuna.create_study(direction="maximize", study_name="study", **parts)
 
 
-def parabola(study_config: StudyConfig):
-    """Return an objective whose best settings are x = 0.5 and the label b."""
-
-    def objective(trial: optuna.Trial) -> float:
-        x = trial.suggest_float("x", -4.0, 4.0)
-        y = trial.suggest_float("y", 1e-5, 1e-1, log=True)
-        value = -((x - 0.5) ** 2) - (trial.suggest_categorical("label", ["a", "b"]) == "a") - y
-        for step in steps_of(study_config):
-            trial.report(value * (1 + 1 / step), step)
-            if step < steps_of(study_config)[-1] and trial.should_prune():
-                raise optuna.TrialPruned
-        return value
-
-    return objective
-
-
-def study_of(search: Search, study_config: StudyConfig, name: str = "study") -> optuna.Study:
-    return optuna.create_study(
-        direction="maximize",
-        study_name=name,
-        sampler=make_sampler(search),
-        pruner=make_pruner(search, study_config),
-    )
+def told(study: optuna.Study, of: StudyConfig, value=None) -> int | None:
+    """Run a trial that always has one value; return the step at which it was pruned, if any."""
+    trial = study.ask(SPACE)
+    value = -((trial.params["x"] - 0.5) ** 2) if value is None else value
+    interval = STEPS // of.n_evaluations
+    for step in range(interval, STEPS * len(of.seeds) + 1, interval):
+        trial.report(value, step)
+        if trial.should_prune():
+            study.tell(trial, state=TrialState.PRUNED)
+            return step
+    study.tell(trial, value)
+    return None
 
 
 @pytest.mark.slow
@@ -95,8 +93,8 @@ def test_a_sampler_and_a_pruner_run_a_study_without_a_warning(sampler, pruner, c
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         study = study_of(search, config())
-        study.optimize(parabola(config()), n_trials=9)
-    assert {trial.state for trial in study.trials} <= {TrialState.COMPLETE, TrialState.PRUNED}
+        for _ in range(9):
+            told(study, config())
     assert len({trial.params["x"] for trial in study.trials}) == 9
     assert [record for record in caplog.records if record.levelname != "INFO"] == []
 
@@ -107,7 +105,8 @@ def test_the_first_trials_are_random_and_no_more(sampler):
     def first_params(startup_trials: int) -> list[dict]:
         search = Search(sampler=sampler, pruner="none", startup_trials=startup_trials, seed=3)
         study = study_of(search, config())
-        study.optimize(parabola(config()), n_trials=6)
+        for _ in range(6):
+            told(study, config())
         return [trial.params for trial in study.trials]
 
     random, learning = first_params(20), first_params(4)
@@ -115,22 +114,10 @@ def test_the_first_trials_are_random_and_no_more(sampler):
     assert random[4] != learning[4]
 
 
-def told(study: optuna.Study, study_config: StudyConfig, value: float) -> int | None:
-    """Run a trial that always has one value; return the step at which it was pruned, if any."""
-    trial = study.ask()
-    for step in steps_of(study_config):
-        trial.report(value, step)
-        if trial.should_prune():
-            study.tell(trial, state=TrialState.PRUNED)
-            return step
-    study.tell(trial, value)
-    return None
-
-
-def rising(study: optuna.Study, study_config: StudyConfig, count: int) -> None:
+def rising(study: optuna.Study, of: StudyConfig, count: int) -> None:
     """Run good trials, each better than the one before, so that none of them is pruned."""
     for number in range(count):
-        assert told(study, study_config, 0.5 + 0.01 * number) is None
+        assert told(study, of, 0.5 + 0.01 * number) is None
 
 
 @pytest.mark.slow
@@ -151,10 +138,10 @@ def rising(study: optuna.Study, study_config: StudyConfig, count: int) -> None:
 def test_a_bad_trial_is_pruned_at_the_first_evaluation_that_counts(
     pruner, n_evaluations, seeds, steps
 ):
-    study_config = config(n_evaluations, seeds)
-    study = study_of(Search(pruner=pruner), study_config)
-    rising(study, study_config, 20)  # hyperband shares them out among its brackets
-    assert {told(study, study_config, 0.1) for _ in range(20)} == steps
+    of = config(n_evaluations, seeds)
+    study = study_of(Search(pruner=pruner), of)
+    rising(study, of, 20)  # hyperband shares them out among its brackets
+    assert {told(study, of, 0.1) for _ in range(20)} == steps
 
 
 @pytest.mark.slow
@@ -163,17 +150,3 @@ def test_the_median_needs_half_of_the_startup_trials_to_be_complete():
     rising(study, config(), 2)
     assert told(study, config(), 0.1) is None
     assert told(study, config(), 0.05) == 40
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"sampler": "tpes"}, "sampler is 'tpes': expected one of 'tpe', .* Did you mean 'tpe'?"),
-        ({"pruner": "Median"}, "pruner is 'Median': expected one of .* Did you mean 'median'?"),
-        ({"startup_trials": 0}, "startup_trials is 0: expected a whole number, 1 or more."),
-        ({"seed": -1}, "seed is -1: expected a whole number, 0 or more."),
-    ],
-)
-def test_a_search_with_an_impossible_setting_is_refused(settings, message):
-    with pytest.raises(ConfigError, match=message):
-        Search(**settings)

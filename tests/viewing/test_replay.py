@@ -12,7 +12,6 @@ from html_page import Page
 from playwright.sync_api import expect
 from short_scores import score_of
 
-from sb3_piano.cli import main
 from sb3_piano.envs import EpisodeRecorder
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import write_report
@@ -84,11 +83,6 @@ def test_without_the_player_the_message_says_how_to_get_it_before_anything_plays
     monkeypatch.setattr(replay, "SCRIPT", "no.js")
     with pytest.raises(ConfigError, match=r"no\.js, is not in this installation.*make replay"):
         write_report("a folder that is not there", replay=True)
-
-
-def test_a_piece_that_nobody_has_played_has_no_replay(capsys):
-    assert main(["report", "TwinkleTwinkle", "--3d"]) == 2
-    assert "--3d cannot be given without --player" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -6,26 +6,17 @@ import torch
 from browser_tab import PHONE, Tab
 from report_parts import C4, E4, long_performance, metrics_of, resting, three_notes
 from short_scores import score_of
+from yaml_rows import Tables
 
 from sb3_piano.training import RunConfig, train, write_report
 from sb3_piano.viewing.report import Curve, Report, report_html, score_html
 
 pytestmark = pytest.mark.slow
 
-PLACE = """([second, key]) => {
-  const roll = document.getElementById("piano-roll");
-  const box = roll.getBoundingClientRect(), {xaxis, yaxis} = roll._fullLayout;
-  return [box.left + xaxis._offset + xaxis.d2p(second), box.top + yaxis._offset + yaxis.d2p(key)];
-}"""
+tables = Tables(__file__)
+PLACE, MARKS = tables["place"], tables["marks"]
 VIEW = "document.getElementById('piano-roll').layout.xaxis.range"
 TRACES = "document.getElementById('piano-roll').data"
-LAYOUT = "document.getElementById('piano-roll').layout"
-MARKS = """mark => {
-  const roll = document.getElementById("piano-roll");
-  const drawn = roll.querySelectorAll(".barlayer .trace, .scatterlayer .trace");
-  return [...drawn].filter(node => node.__data__[0].trace.meta === mark)
-    .reduce((count, node) => count + node.querySelectorAll(".point").length, 0);
-}"""
 
 
 class Roll:
@@ -200,14 +191,7 @@ def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page
 
 def test_the_report_of_a_run_opens(tab, roll, tmp_path):
     torch.set_num_threads(1)
-    config = RunConfig(
-        algo="td3",
-        env_id="RoboPianist-debug-TwinkleTwinkleLittleStar-v0",
-        n_timesteps=20,
-        seed=1,
-        env_kwargs={"physics": "fast"},
-        algorithm_kwargs={"policy_kwargs": {"net_arch": [8]}, "device": "cpu", "buffer_size": 100},
-    )
+    config = RunConfig(**tables["run"])
     run = train(config, tmp_path / "run", progress_bar=False).folder
     tab.open(write_report(run.path))
     assert tab.page.locator("h1").inner_text() == "TwinkleTwinkleLittleStar"

@@ -296,7 +296,7 @@ def test_a_wrong_argument_is_refused_by_name_and_value(wrapper, changes, message
         (
             lambda env: RescaleObservation(env, np.float32(0), np.float32(1)),
             KeyRange,
-            "KeyRange cannot tell which numbers of a Box mean what",
+            "KeyRange cannot read a Box without a layout",
         ),
         *(
             (single(kind), kind, f"Two blocks of the observation are called '{block}'")

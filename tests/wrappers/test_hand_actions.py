@@ -88,7 +88,7 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(ConfigError, match="guidance is -1"):
         HandReward(piano(), guidance=-1)
     rescaled = RescaleAction(piano(), 0.0, 1.0)
-    with pytest.raises(ConfigError, match="HandActions cannot stand for actions"):
+    with pytest.raises(ConfigError, match="HandActions cannot replace actions"):
         HandActions(rescaled)
     with pytest.raises(ConfigError, match="A test finds no HandActions around the piano"):
         change_of_actions(rescaled, 0.03, "A test")

@@ -31,7 +31,7 @@ from sb3_piano.envs.config import ObservationKind
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.lab.bench.measurement import Measurement, Row, Sample
 from sb3_piano.lab.bench.playback import play_env, play_physics, record_controls
-from sb3_piano.policies import sparing_updates
+from sb3_piano.policies import fast_updates
 from sb3_piano.policies.encoders import EncoderName
 from sb3_piano.threads import MatmulPrecision, torch_computing
 from sb3_piano.training import RunConfig, load_config
@@ -242,7 +242,7 @@ def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
 def _run_updates(
     model: OffPolicyAlgorithm, precision: MatmulPrecision | None, sparing: bool
 ) -> Sample:
-    as_in_runs = sparing_updates(model) if sparing else contextlib.nullcontext()
+    as_in_runs = fast_updates(model) if sparing else contextlib.nullcontext()
     with torch_computing(torch.get_num_threads(), precision), as_in_runs:
         start, processor = time.perf_counter(), time.process_time()
         model.train(gradient_steps=UPDATES, batch_size=model.batch_size)
@@ -278,7 +278,7 @@ def training_measurement(
     def run() -> Sample:
         simulation.seconds = learner.seconds = 0.0
         before, start, processor = model.num_timesteps, time.perf_counter(), time.process_time()
-        with sparing_updates(model):
+        with fast_updates(model):
             model.learn(TRAINING_STEPS if steps is None else steps, reset_num_timesteps=False)
         seconds, processor = time.perf_counter() - start, time.process_time() - processor
         parts = {"in the simulation": simulation.seconds, "in the learner": learner.seconds}

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from annotated_types import Ge, MinLen
 
 from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, naming
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import SOURCES
 from sb3_piano.music.catalogue import is_path
@@ -29,8 +29,8 @@ from sb3_piano.settings import (
     Unit,
     settings,
 )
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import plain
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 DEFAULT_FILE = Path(__file__).with_name("distill.yml")
 """The settings that come with the package."""
@@ -256,13 +256,12 @@ class DistillConfig:
             ConfigError: If it cannot be read, or a setting is not valid.
         """
         mapping: Any = read_yaml_mapping(Path(path))
-        try:
+        given = f" with {', '.join(changes)} replaced" if changes else ""
+        with naming(f"'{path}'{given}"):
             for name, value in changes.items():
                 _change(mapping, name, value)
-            return cls.from_mapping(mapping)
-        except ConfigError as error:
-            given = f" with {', '.join(changes)} replaced" if changes else ""
-            raise ConfigError(f"'{path}'{given}: {error}") from error
+            config = cls.from_mapping(mapping)
+        return config
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the settings in YAML's types; :meth:`from_mapping` gives them back."""
@@ -272,12 +271,9 @@ class DistillConfig:
     def corpus_of(self, number: int) -> Corpus:
         """Return the corpus of an improvement."""
         changes = self.improvements[number].corpus
-        if not changes:
-            return self.corpus
-        try:
-            return replace(self.corpus, **changes)
-        except ConfigError as error:
-            raise ConfigError(f"improvements[{number}].corpus: {error}") from error
+        with naming(f"improvements[{number}].corpus"):
+            corpus = replace(self.corpus, **changes) if changes else self.corpus
+        return corpus
 
     def of_round(self, number: int) -> range:
         """Return the numbers of a round's excerpts, counted over all rounds."""

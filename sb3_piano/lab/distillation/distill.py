@@ -41,8 +41,8 @@ from sb3_piano.music.library import Library
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-from sb3_piano.training.playing.player import player_files
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
+from sb3_piano.training.playing.player_files import player_files
 from sb3_piano.training.runs.provenance import provenance
 
 _CONFIG, _FILES, _TABLE = "config.yml", "files.yml", "rounds.csv"

@@ -20,7 +20,16 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.settings import Count, Index, NotNegative, Whole, settings
+from sb3_piano.settings import (
+    Count,
+    Index,
+    NotNegative,
+    Positive,
+    Share,
+    Whole,
+    checked,
+    settings,
+)
 from sb3_piano.threads import MatmulPrecision
 from sb3_piano.training.configuration.env_spec import (
     Arguments,
@@ -32,7 +41,12 @@ from sb3_piano.training.configuration.env_spec import (
 )
 from sb3_piano.training.configuration.names import algorithm_class
 from sb3_piano.training.configuration.plugins import Plugin
-from sb3_piano.training.configuration.values import check_arguments, class_of, plain
+from sb3_piano.training.configuration.values import (
+    check_arguments,
+    class_of,
+    linear_start,
+    plain,
+)
 from sb3_piano.vec_env import HandsAsAgents
 
 
@@ -50,6 +64,15 @@ _Plugins = tuple[Plugin, ...]
 # What a run sets itself.
 _OF_MONITOR = ("env", "filename", "override_existing", "reset_keywords")
 _OF_ALGORITHM = ("policy", "env", "seed", "tensorboard_log", "action_noise")
+
+# Arguments of SB3's algorithms that these take without a look, and then learn nothing.
+_RANGES: Mapping[str, Any] = {
+    **dict.fromkeys(("gamma", "tau", "gae_lambda"), Share),
+    **dict.fromkeys(("learning_rate", "clip_range", "max_grad_norm"), Positive),
+    **dict.fromkeys(("batch_size", "buffer_size", "n_steps", "n_epochs", "policy_delay"), Count),
+    "train_freq": Count,
+    **dict.fromkeys(("learning_starts", "target_policy_noise", "target_noise_clip"), NotNegative),
+}
 
 
 @settings
@@ -131,6 +154,11 @@ class RunConfig:
             self.algorithm_kwargs, algorithm, reserved=_OF_ALGORITHM, also_known=others
         )
         self.__dict__["algorithm_kwargs"] = arguments
+        for name, value in arguments.items():
+            start = linear_start(value)
+            number = value if start is None else start
+            if name in _RANGES and isinstance(number, int | float):
+                checked(name, number, _RANGES[name])
         device = arguments.get("device", "auto")
         try:
             get_device(device)

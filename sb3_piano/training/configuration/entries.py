@@ -11,9 +11,10 @@ from typing import Any
 import gymnasium as gym
 
 import sb3_piano.wrappers
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, naming
 from sb3_piano.files import dump_yaml, write_text
-from sb3_piano.training.configuration.names import full_name, import_name, is_dotted, registered_id
+from sb3_piano.imports import full_name, import_name, is_dotted
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import parse_plugins
 from sb3_piano.training.configuration.values import coerce_mapping
 from sb3_piano.training.configuration.yaml_files import entry_config
@@ -56,13 +57,11 @@ def with_settings(entry: Mapping[str, Any], settings: Mapping[str, Any]) -> dict
     changed = copy.deepcopy(dict(entry))
     for name in sorted(settings, key=lambda name: name.count(".")):
         keys, value = name.split("."), copy.deepcopy(settings[name])
-        try:
+        with naming(repr(name)):
             if keys[0] == _WRAPPERS and keys[1:]:
                 changed[_WRAPPERS] = _with_argument(changed, keys[1:], value)
             else:
                 changed = _with_value(changed, keys, value, "the entry")
-        except ConfigError as error:
-            raise ConfigError(f"{name!r}: {error}") from error
     return changed
 
 

@@ -6,22 +6,27 @@ import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import gymnasium as gym
 from pydantic import BeforeValidator, ValidationInfo
 
-from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import GENERAL_ID
+from sb3_piano.envs.blocks import block_classes
+from sb3_piano.envs.terms import own_terms
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
+from sb3_piano.imports import import_name
 from sb3_piano.music import Score, find_piece, select_pieces
 from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.fingering.apply import FINGERINGS
 from sb3_piano.players import PlayerResidual
 from sb3_piano.settings import settings
-from sb3_piano.training.configuration.names import import_name, registered_id
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import Plugin, parse_plugins, with_arguments
 from sb3_piano.training.configuration.values import coerce_mapping, plain
+
+if TYPE_CHECKING:
+    from sb3_piano.callbacks.own_env import EnvWrapper
 
 Env = gym.Env[Any, Any]
 
@@ -94,6 +99,11 @@ class EnvSpec:
         module, name = registered_id(self.id, self.module)
         object.__setattr__(self, "module", module)
         object.__setattr__(self, "id", name)
+        # Before anything is made: those of an exported run are not imported then.
+        blocks = self.options.get("observation_blocks")
+        block_classes(blocks if isinstance(blocks, list) else [])
+        terms = self.options.get("reward_terms")
+        own_terms(terms if isinstance(terms, Mapping) else {})
         self._check_pieces()
 
     def _check_pieces(self) -> None:

@@ -1,26 +1,20 @@
-"""Classes, algorithms and environments that configurations name by text."""
+"""Algorithms and environments that configurations name by text."""
 
 from __future__ import annotations
 
-import contextlib
 import importlib
-import pkgutil
-import re
 import sys
-from collections.abc import Iterator
-from contextvars import ContextVar
-from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import gymnasium as gym
-from gymnasium.wrappers import RecordVideo
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecMonitor, VecVideoRecorder
 
 from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.imports import check_package, import_name
 from sb3_piano.players import PLAYERS
 from sb3_piano.settings import refuse_unknown
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 _ALGORITHMS = {
     "td3": "stable_baselines3.TD3",
@@ -39,143 +33,6 @@ ALGORITHMS = tuple(_ALGORITHMS)
 PLANNERS = tuple(PLAYERS)
 """Names of what plays without training."""
 
-KNOWN_PACKAGES = ("sb3_piano", "stable_baselines3", "sb3_contrib", "gymnasium", "torch")
-"""Packages whose classes the settings of an exported run may name."""
-
-_WRITERS = (Monitor, RecordVideo, VecMonitor, VecVideoRecorder)
-"""Wrappers of these packages that write files wherever their arguments say."""
-
-_known_only: ContextVar[bool] = ContextVar("_known_only", default=False)
-
-_DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
-
-# The short names that RL Zoo has in scope when it evaluates text from its YAML files.
-_ZOO_NAMES = {
-    "nn": "torch.nn",
-    "th": "torch",
-    "sb3": "stable_baselines3",
-    "HerReplayBuffer": "stable_baselines3.HerReplayBuffer",
-    "RMSpropTFLike": "stable_baselines3.common.sb2_compat.rmsprop_tf_like.RMSpropTFLike",
-}
-
-_MOVED = {
-    "sb3_piano.bench": "sb3_piano.lab.bench",
-    "sb3_piano.distillation": "sb3_piano.lab.distillation",
-    "sb3_piano.music.Corpus": "sb3_piano.lab.music.Corpus",
-    "sb3_piano.music.corpus": "sb3_piano.lab.music.corpus",
-    "sb3_piano.music.generate_score": "sb3_piano.lab.music.generate_score",
-    "sb3_piano.music.generation": "sb3_piano.lab.music.generation",
-    **{
-        f"sb3_piano.policies.DroQ{algo}Policy": f"sb3_piano.policies.regularized.DroQ{algo}Policy"
-        for algo in ("SAC", "TD3", "TQC")
-    },
-    "sb3_piano.results": "sb3_piano.lab.results",
-    "sb3_piano.web": "sb3_piano.lab.web",
-    "sb3_piano.wrappers.CorpusExcerpt": "sb3_piano.lab.music.CorpusExcerpt",
-}
-"""Where things are now that files of older versions name by an import path, or by its beginning."""
-
-# How text that RL Zoo evaluates can name what is not in its scope.
-_ZOO_IMPORT = re.compile(r"""importlib\.import_module\((['"])([\w.]+)\1\)\.([\w.]+)""")
-
-
-def is_dotted(text: str) -> bool:
-    """Return whether a text could be an import path, such as ``torch.nn.ReLU``."""
-    return _DOTTED.fullmatch(text) is not None
-
-
-def full_name(name: str) -> str:
-    """Return the import path that stands for the Zoo's ways to name a thing, or for a former path.
-
-    ``nn.ReLU`` becomes ``torch.nn.ReLU``, ``importlib.import_module('a.b').C`` becomes ``a.b.C``.
-    """
-    imported = _ZOO_IMPORT.fullmatch(name)
-    if imported is not None:
-        return f"{imported[2]}.{imported[3]}"
-    head, dot, rest = name.partition(".")
-    path = f"{_ZOO_NAMES.get(head, head)}{dot}{rest}"
-    old = next((old for old in _MOVED if f"{path}.".startswith(f"{old}.")), None)
-    return path if old is None else _MOVED[old] + path.removeprefix(old)
-
-
-@contextlib.contextmanager
-def known_packages_only() -> Iterator[None]:
-    """Refuse, while the block lasts, names of other packages than :data:`KNOWN_PACKAGES`.
-
-    They are refused before they are imported. For settings that come from somebody else.
-    """
-    token = _known_only.set(True)
-    try:
-        yield
-    finally:
-        _known_only.reset(token)
-
-
-def refuse_unknown_package(name: str) -> None:
-    """Refuse the import path of a thing that the settings of an exported run may not name.
-
-    Raises:
-        ConfigError: If it is of another package, or private.
-    """
-    package, *parts = full_name(name).split(".")
-    if package not in KNOWN_PACKAGES or any(part.startswith("_") for part in parts):
-        raise ConfigError(
-            f"{name!r} is refused, as settings of an exported run import no code of others: "
-            f"expected a public name of {', '.join(KNOWN_PACKAGES)}."
-        )
-
-
-def import_name(name: str) -> Any:
-    """Return what an import path names, such as ``package.module.Class``."""
-    path = full_name(name)
-    if not is_dotted(path):
-        raise ConfigError(f"{name!r} is no import path: expected 'package.module.Name'.")
-    if _known_only.get():
-        refuse_unknown_package(path)
-    try:
-        found = pkgutil.resolve_name(path)
-    except AttributeError as error:
-        where, part = getattr(error.obj, "__name__", name), str(error.name)
-        near = near_names(part, dir(error.obj))
-        raise ConfigError(f"{name!r} cannot be imported: {where} has no {part!r}.{near}") from error
-    except ImportError as error:
-        raise ConfigError(
-            f"{name!r} cannot be imported: {error}. Expected 'package.module.Name' of an installed "
-            "package."
-        ) from error
-    except Exception as error:  # a module may fail in any way while it is imported
-        raise ConfigError(f"{name!r} cannot be imported: it raises {error!r}.") from error
-    if _known_only.get():
-        _check_known(name, found)
-    return found
-
-
-def _check_known(name: str, found: Any) -> None:
-    """Refuse what a known package has imported from others, and wrappers that write files."""
-    is_module = isinstance(found, ModuleType)
-    home = found.__name__ if is_module else getattr(found, "__module__", None)
-    refuse_unknown_package(str(home).partition(".")[0])
-    if isinstance(found, type) and issubclass(found, _WRITERS):
-        raise ConfigError(
-            f"{name!r} is refused, as settings of an exported run write no files: expected no "
-            f"wrapper below {', '.join(writer.__name__ for writer in _WRITERS)}."
-        )
-
-
-def import_class(name: str, *bases: type) -> type:
-    """Return the class that an import path names, if it is below one of some classes.
-
-    Whatever may be called later goes through here, so that no configuration can name a function
-    such as ``os.system`` and have it called. The module is imported all the same.
-    """
-    found = import_name(name)
-    if not isinstance(found, type) or not issubclass(found, bases):
-        raise ConfigError(
-            f"{name!r} is no subclass of {' or '.join(base.__name__ for base in bases)}: expected "
-            "the import path of one."
-        )
-    return found
-
 
 def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, str]:
     """Return the module to import for an environment, if any, and its id.
@@ -185,8 +42,7 @@ def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, s
     named, _, name = env_id.rpartition(":")
     module = named or module
     if module:
-        if _known_only.get():
-            refuse_unknown_package(module)
+        check_package(module)
         before, is_new = gym.registry.get(name), module not in sys.modules
         try:
             importlib.import_module(module)
@@ -204,10 +60,9 @@ def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, s
             f"Unknown environment {name!r}.{near_names(name, gym.registry)} Expected a registered "
             "id, or 'module:Id' to import the module that registers it."
         )
-    if _known_only.get():
-        made = gym.registry[name].entry_point
-        where = made if isinstance(made, str) else getattr(made, "__module__", str(made))
-        refuse_unknown_package(where.partition(":")[0])
+    made = gym.registry[name].entry_point
+    where = made if isinstance(made, str) else getattr(made, "__module__", str(made))
+    check_package(where.partition(":")[0])
     return module, name
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.configuration.names import full_name, import_name
+from sb3_piano.imports import full_name, import_name
 from sb3_piano.training.configuration.values import class_of, plain
 
 _FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a list of these"

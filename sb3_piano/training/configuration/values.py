@@ -12,28 +12,33 @@ import typing
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any
 
-import torch
 from pydantic import AfterValidator, BeforeValidator, Field
-from stable_baselines3.common.buffers import BaseBuffer
 
-from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.exceptions import ConfigError, naming, one_line
+from sb3_piano.imports import full_name, import_class, import_name, is_dotted
 from sb3_piano.settings import Expected, Number, Whole, checked, number_in, refuse_unknown
-from sb3_piano.training.configuration.names import full_name, import_class, import_name, is_dotted
-
-MODEL_PARTS = (torch.nn.Module, torch.optim.Optimizer, BaseBuffer)
-"""Base classes of what an algorithm's arguments may name: networks, features extractors
-and policies, optimizers, buffers."""
 
 _EXAMPLE = "dict(net_arch=[256, 256], activation_fn=nn.ReLU)"
 
 
+def model_parts() -> tuple[type, ...]:
+    """Return the base classes of what an algorithm's arguments may name.
+
+    They are those of networks, features extractors and policies, of optimizers and of buffers.
+    """
+    import torch  # here, as players do without
+    from stable_baselines3.common.buffers import BaseBuffer
+
+    return torch.nn.Module, torch.optim.Optimizer, BaseBuffer
+
+
 def plain(value: Any, key: str) -> Any:
-    """Return a copy in YAML's types: lists for tuples, text for paths and for classes."""
+    """Return a copy in YAML's types: lists for tuples, text for paths, classes and functions."""
     if value is None or type(value) in (bool, int, float, str):
         return value
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if isinstance(value, type):
+    if isinstance(value, type | types.FunctionType):
         return f"{value.__module__}.{value.__qualname__}"
     if isinstance(value, Mapping):
         for name in value:
@@ -174,7 +179,7 @@ def classes_made(value: Any, key: str) -> Any:
         import_name(value)
     except ConfigError:
         return value  # text with dots; what has to be a class was checked with the config
-    return class_of(value, MODEL_PARTS, key)
+    return class_of(value, model_parts(), key)
 
 
 def _options(annotation: Any) -> tuple[Any, ...]:
@@ -194,7 +199,7 @@ def _class(option: Any) -> Any:
     bases = tuple(base for base in typing.get_args(option) if isinstance(base, type))
 
     def full(name: str) -> str:
-        import_class(name, *(bases or MODEL_PARTS))
+        import_class(name, *(bases or model_parts()))
         return full_name(name)
 
     return Annotated[str, AfterValidator(full), Expected("an import path")]
@@ -233,7 +238,6 @@ _KINDS: Mapping[Any, Callable[[Any], Any]] = {
 
 def class_of(name: str, bases: tuple[type, ...], key: str) -> Any:
     """Return the class below one of some classes that an import path of a key names."""
-    try:
-        return import_class(name, *bases)
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}") from error
+    with naming(key):
+        found = import_class(name, *bases)
+    return found

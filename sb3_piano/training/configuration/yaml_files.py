@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import itertools
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import NoneType
 from typing import Any
 
-import yaml
-
-from sb3_piano.exceptions import ConfigError, near_names, one_line
-from sb3_piano.files import load_yaml, read_file
+from sb3_piano.exceptions import ConfigError, naming, near_names
 from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import coerce_mapping
-
-_MOST_BYTES, _DEEPEST, _MOST_VALUES = 2**21, 50, 10**5
-"""Most bytes, levels and values of a YAML file."""
 
 _DEFAULT_ENTRY = "default"
 # Not hyperparameters: they say which entry of which file is read.
@@ -64,10 +58,9 @@ def overlaid(path: str | os.PathLike[str], env_id: str, over: Mapping[str, Any])
             "its own: expected a YAML file with what is to be different, or none."
         )
     entry_name, entry = _entry_of(Path(path), registered_id(env_id)[1])
-    try:
-        return merged(entry, over)
-    except ConfigError as error:
-        raise ConfigError(f"'{path}', entry {entry_name!r}: {error}") from error
+    with naming(f"'{path}', entry {entry_name!r}"):
+        entry = merged(entry, over)
+    return entry
 
 
 def load_entry(
@@ -83,8 +76,7 @@ def load_entry(
 def entry_config(algo: str, env_id: str, entry: Mapping[str, Any]) -> RunConfig:
     """Return the settings that an entry stands for, if all of them are valid."""
     names = {f.name for f in dataclasses.fields(RunConfig)}.difference(_NOT_IN_ENTRY)
-    fields = {name: value for name, value in entry.items() if name in names}
-    rest = {name: value for name, value in entry.items() if name not in names}
+    fields, rest = parted(entry, names)
     if "n_timesteps" not in fields:  # the one setting without a default
         near = difflib.get_close_matches("n_timesteps", map(str, rest), 1)
         slip = f" Did you mean it by {near[0]!r}?" if near else ""
@@ -101,12 +93,11 @@ def _loaded(
     _, name = registered_id(env_id)
     file = _preset(algo, path) if path is None or path in NAMED else _own_file(path)
     entry_name, found = _entry_of(file, name)
-    try:
+    given = f" with {', '.join(overrides)} replaced" if overrides else ""
+    with naming(f"'{file}', entry {entry_name!r}{given}"):
         entry = merged(found, overrides)
-        return entry, entry_config(algo, env_id, entry)
-    except ConfigError as error:
-        given = f" with {', '.join(overrides)} replaced" if overrides else ""
-        raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error
+        config = entry_config(algo, env_id, entry)
+    return entry, config
 
 
 def _own_file(path: str | os.PathLike[str]) -> Path:
@@ -159,58 +150,9 @@ def merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
     return both
 
 
-def read_yaml_mapping(path: Path) -> dict[str, Any]:
-    """Return the mapping that a YAML file holds."""
-    try:
-        content = parse_yaml(read_file(path, _MOST_BYTES).decode())
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ConfigError(f"'{path}' cannot be read: {reason}. Expected a YAML file.") from error
-    except ConfigError as error:
-        raise ConfigError(f"'{path}' {error}") from error
-    if not isinstance(content, dict):
-        raise ConfigError(
-            f"'{path}' holds {type(content).__name__} at the top level: expected a mapping."
-        )
-    return content
-
-
-def parse_yaml(text: str) -> Any:
-    """Return what YAML stands for."""
-    try:
-        _check_depth(text)
-        content = load_yaml(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f"is not valid YAML: {one_line(error)}.") from error
-    _check_plain(content)
-    return content
-
-
-def _check_depth(text: str) -> None:
-    """Refuse what is nested so deep that libyaml would end the process."""
-    depth = 0
-    for event in yaml.parse(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
-        started = isinstance(event, yaml.CollectionStartEvent)
-        depth += started - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise ValueError(f"it is nested deeper than {_DEEPEST} levels")
-
-
-def _check_plain(content: Any) -> None:
-    """Refuse what cannot be settings: keys that are no text, nesting or repetition without end."""
-    level, count = [content], 0
-    for _ in range(_DEEPEST):
-        maps = [item for item in level if isinstance(item, dict)]
-        for key in itertools.chain.from_iterable(maps):
-            if not isinstance(key, str):
-                raise ConfigError(f"has the key {key!r}: expected text.")
-        parts = [m.values() for m in maps] + [i for i in level if isinstance(i, (list, tuple))]
-        count += sum(map(len, parts))
-        if count > _MOST_VALUES:
-            break
-        level = list(itertools.chain.from_iterable(parts))
-        if not level:
-            return
-    raise ConfigError(
-        f"is nested without end: expected up to {_DEEPEST} levels and {_MOST_VALUES} values."
-    )
+def parted(
+    mapping: Mapping[str, Any], names: Collection[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the entries with some names, and all others."""
+    own = {name: value for name, value in mapping.items() if name in names}
+    return own, {name: value for name, value in mapping.items() if name not in names}

@@ -323,13 +323,11 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
             f"There is no '{path}': expected a JSON file of 'sb3-piano evaluate --json', a take, "
             "the folder of an evaluated run, or a folder of such runs."
         )
-    runs = [RunFolder(path)]
-    if not os.path.isfile(runs[0].config_file):
-        runs = [RunFolder(config.parent) for config in sorted(path.glob("*/config.yml"))]
+    runs = _runs_in(path)
     if not runs:
         raise RunError(
             f"'{path}' is no run and holds none: expected a folder that 'sb3-piano train' made, or "
-            "one in which such folders are."
+            "one in which such folders are, such as that of a sweep."
         )
     files = [run.evaluation_dir / "metrics.json" for run in runs]
     for run, file in zip(runs, files, strict=True):
@@ -339,6 +337,18 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
                 f"it: sb3-piano evaluate {shlex.quote(str(run.path))}"
             )
     return [saved for file in files for saved in _read_file(file)]
+
+
+def _runs_in(path: Path) -> list[RunFolder]:
+    """Return the run that a folder is, or else all runs below it, at any depth."""
+    runs = []
+    for folder, below, files in os.walk(path):
+        below.sort()
+        run = RunFolder(Path(folder))
+        if run.config_file.name in files:
+            runs.append(run)
+            below.clear()  # what it corrects has a folder in it, which is no run of its own
+    return runs
 
 
 def _read_file(file: Path) -> list[SavedEpisodes]:

@@ -70,6 +70,7 @@ def write_report(
             "facts": facts,
             "commands": commands,
             "baseline": None if baseline is None else baseline.metrics,
+            "labels": {n: term.label for n, term in opened.env.config.terms.items()},
             "curves": {} if opened.run is None else training_curves(opened.run),
         }
         own = default_folder(opened, None) if opened.run is None else opened.run.evaluation_dir

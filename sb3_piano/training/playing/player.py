@@ -7,42 +7,30 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy.typing as npt
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
-from sb3_piano.callbacks.own_env import EnvWrapper
-from sb3_piano.demonstrations import PerturbedStart
 from sb3_piano.envs import GENERAL_ID, EpisodeRecorder, PianoEnv
-from sb3_piano.exceptions import ConfigError, RunError, ScoreError
-from sb3_piano.files import read_file, write_bytes
-from sb3_piano.jobs.folders import unwritable
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.layers import layers
-from sb3_piano.music import Score, load_score
+from sb3_piano.music import Score
 from sb3_piano.music.catalogue import is_path
-from sb3_piano.players import HandModel, Player, PlayerSpec, Transition, TreeSearch, rollout
-from sb3_piano.players.hand_model import SIGHT_READER, network_file
+from sb3_piano.players import Player, PlayerSpec, Transition, rollout
+from sb3_piano.players.policy import singles_of
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.config import RunConfig
-from sb3_piano.training.configuration.env_spec import BASE, EnvSpec
-from sb3_piano.training.runs.builders import Env, build_vec_env, one_env, refuse_other_vectors
-from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.configuration.env_spec import Env, EnvSpec
 from sb3_piano.training.runs.provenance import versions
-from sb3_piano.training.runs.saved import (
-    act,
-    load_statistics,
-    load_to_play,
-    model_files,
-    pack_weights,
-)
 from sb3_piano.viewing.take import Take
-from sb3_piano.wrappers import HandActions
-from sb3_piano.wrappers.residual import Residual
 from sb3_piano.wrappers.score_wrapper import possible_scores
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+
+    from sb3_piano.callbacks.own_env import EnvWrapper
+    from sb3_piano.training.runs.folder import RunFolder
 
 PLANNED_IN: Mapping[str, Any] = {
     "reduced_action_space": False,
@@ -107,7 +95,7 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
     """What plays: a model of Stable-Baselines3, or a player of this package."""
     _titles: Mapping[str, str]
     """Titles of scores whose files were copied, by the titles of the copies."""
-    _venv: VecEnv
+    _env: Env | VecEnv
     _recorder: EpisodeRecorder
 
     @classmethod
@@ -145,13 +133,20 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         """
         spec = player if isinstance(player, PlayerSpec) else PlayerSpec.parse(player)
         checked("seed", seed, Index)
-        run = RunFolder.open(spec.name) if spec.is_run else None
-        former = None if run is None else run.read_player()
-        if former is not None:  # of versions that made a folder for a player, too
-            planned, of_player = former
-            spec, env, run = dataclasses.replace(planned, tree=spec.tree), env or of_player, None
+        run = None
+        if spec.is_run:
+            from sb3_piano.training.runs.folder import RunFolder  # training needs torch
+
+            run = RunFolder.open(spec.name)
+            former = run.read_player()
+            if former is not None:  # of versions that made a folder for a player, too
+                planned, of_player = former
+                spec, run = dataclasses.replace(planned, tree=spec.tree), None
+                env = env or of_player
         if run is not None:
-            return cls._of_run(spec, run, seed, physics, score, best, disturbed)
+            from sb3_piano.training.playing.run_player import open_run
+
+            return open_run(spec, run, seed, physics, score, best, disturbed)
         if best is not None:
             raise RunError(
                 f"The player '{spec}' has no best model by {best!r}: expected a run, or no metric."
@@ -167,66 +162,17 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         if physics is not None:
             env = env.with_options(physics=physics)
 
-        def innermost(bare: Env) -> EpisodeRecorder:
-            return EpisodeRecorder(bare if disturbed is None else disturbed(bare))
-
-        venv = one_env(env, seed, innermost)
-        with _closed_if_it_fails(venv):
-            return cls._in(spec, env, venv, spec.make(venv, seed), seed, algo=spec.name)
+        made = env.make(disturbed, EpisodeRecorder)
+        with closed_if_it_fails(made):
+            return cls.playing(spec.make(made, seed), made, spec, env, seed, algo=spec.name)
 
     @classmethod
-    def _of_run(
+    def playing(
         cls,
-        spec: PlayerSpec,
-        run: RunFolder,
-        seed: int,
-        physics: str | None,
-        score: Source | None,
-        best: str | None,
-        disturbed: EnvWrapper | None,
-    ) -> OpenPlayer:
-        trained = run.read_config()
-        config = dataclasses.replace(trained.alone(), seed=seed)
-        if physics is not None:
-            config = config.in_env(physics=physics)
-        chosen = None if score is None else load_score(score)
-        model_file, statistics = model_files(run, config, best)
-
-        def innermost(env: Env) -> EpisodeRecorder:
-            env = env if disturbed is None else disturbed(env)
-            return EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen))
-
-        venv = build_vec_env(config, innermost)
-        with _closed_if_it_fails(venv):
-            load_statistics(config, statistics, venv)
-            if isinstance(venv, VecNormalize):
-                venv.training = False
-            env = _first(venv)
-            if chosen is not None:
-                _check_playable(run, env, venv, chosen)
-            model: Any = load_to_play(config, model_file, venv)
-            if spec.tree is not None:
-                model = TreeSearch(model, venv, spec.tree, seed=seed)
-            return cls._in(
-                spec,
-                config.env,
-                venv,
-                model,
-                seed,
-                algo=config.algo,
-                run=run,
-                training_seed=trained.seed,
-                titles={} if chosen is not None else titles_of_copies(run, env),
-                piece=None if chosen is None else chosen.title,
-            )
-
-    @classmethod
-    def _in(
-        cls,
+        model: Player,
+        env: Env | VecEnv,
         spec: PlayerSpec,
         env_spec: EnvSpec,
-        venv: VecEnv,
-        model: Player,
         seed: int,
         *,
         algo: str,
@@ -235,7 +181,8 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         titles: Mapping[str, str] = {},
         piece: str | None = None,
     ) -> OpenPlayer:
-        env = _first(venv)
+        """Return what plays in an environment, or in a vector of one, which has a recorder."""
+        single = singles_of(env)[0]
         return cls(
             spec=spec,
             env_spec=env_spec,
@@ -243,11 +190,11 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
             run=run,
             algo=algo,
             training_seed=training_seed,
-            piece=_own_piece(env_spec, env, titles) if piece is None else piece,
+            piece=_own_piece(env_spec, single, titles) if piece is None else piece,
             model=model,
             _titles=titles,
-            _venv=venv,
-            _recorder=[e for e in layers(env) if isinstance(e, EpisodeRecorder)][-1],
+            _env=env,
+            _recorder=[e for e in layers(single) if isinstance(e, EpisodeRecorder)][-1],
         )
 
     @property
@@ -270,9 +217,9 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         return self.env
 
     @property
-    def vec_env(self) -> VecEnv:
-        """The vector that it plays in, with the run's wrappers and normalisation."""
-        return self._venv
+    def wrapped(self) -> Env:
+        """The environment with its wrappers."""
+        return singles_of(self._env)[0]
 
     @property
     def num_timesteps(self) -> int:
@@ -321,19 +268,26 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
         """Return what the model plays for an observation as the environment gives it."""
+        arguments = (state, episode_start, deterministic)
+        if isinstance(self._env, gym.Env):
+            played: tuple[Any, Any] = self.model.predict(observation, *arguments)
+            return played
+
+        from sb3_piano.training.runs.saved import act
+
         with torch_computing():
-            return act(self.model, self._venv, observation, state, episode_start, deterministic)
+            return act(self.model, self._env, observation, *arguments)
 
     def close(self) -> None:
         """Close the environment."""
-        self._venv.close()
+        self._env.close()
 
     def __exit__(self, *error: object) -> None:
         self.close()
 
     def _rollout(self, episodes: int | None, seed: int | None, **more: Any) -> Iterator[Take]:
         own = self.seed if seed is None else seed
-        played = rollout(self.model, self._venv, episodes=episodes, seed=own, **more)
+        played = rollout(self.model, self._env, episodes=episodes, seed=own, **more)
         return (self._noted(take, own) for take in played)
 
     def _noted(self, take: Take, seed: int) -> Take:
@@ -357,55 +311,13 @@ SavedPlayer = OpenPlayer
 
 
 @contextlib.contextmanager
-def _closed_if_it_fails(venv: VecEnv) -> Iterator[None]:
+def closed_if_it_fails(env: Env | VecEnv) -> Iterator[None]:
+    """Close an environment if the block raises."""
     try:
         yield
     except BaseException:
-        venv.close()
+        env.close()
         raise
-
-
-def _first(venv: VecEnv) -> Env:
-    return cast(DummyVecEnv, venv.unwrapped).envs[0]
-
-
-class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
-    """Play one piece, whatever the wrappers further out ask for."""
-
-    def __init__(self, env: Env, score: Score):
-        super().__init__(env)
-        self._score = score
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode of the piece."""
-        others = {k: v for k, v in (options or {}).items() if k != "transform"}
-        return self.env.reset(seed=seed, options={**others, "score": self._score})
-
-
-def _check_playable(run: RunFolder, env: Env, venv: VecEnv, score: Score) -> None:
-    if not isinstance(env.unwrapped, PianoEnv):
-        raise ConfigError(
-            f"Run '{run.path}' cannot play {score.title!r}: its environment "
-            f"{run.read_config().env_id!r} is no piano. Expected a run of a piano environment, or "
-            "no piece."
-        )
-    try:
-        venv.reset()
-    except ScoreError as error:
-        raise RunError(
-            f"Run '{run.path}' cannot play {score.title!r}: {error} Expected a piece that its "
-            "observation can show."
-        ) from error
-
-
-def titles_of_copies(run: RunFolder, env: Env) -> dict[str, str]:
-    """Return the name of the file that was copied into a run's folder, by the copy's title."""
-    file, piano = run.read_provenance().get("score_file"), env.unwrapped
-    if isinstance(file, str) and isinstance(piano, PianoEnv):
-        return {piano.default_score.title: Path(file).stem}
-    return {}
 
 
 def _own_piece(spec: EnvSpec, env: Env, titles: Mapping[str, str]) -> str:
@@ -417,163 +329,3 @@ def _own_piece(spec: EnvSpec, env: Env, titles: Mapping[str, str]) -> str:
     scores = possible_scores(env) if spec.wrappers else [env.unwrapped.default_score]
     played = dict.fromkeys(titles.get(s.title, s.title) for s in scores)
     return " or ".join(played) or spec.id
-
-
-@contextlib.contextmanager
-def player_to_record(
-    spec: PlayerSpec, env: EnvSpec | None = None, *, best: str | None = None, start: float = 0.0
-) -> Iterator[tuple[Player, Env]]:
-    """Give a player and a single environment, which ``gymnasium.make`` can make again.
-
-    They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts; the hands
-    begin out of place by ``start``, rad. Of a run that corrects another one, the environment is
-    that without the correction, and the player plays the corrected actions in it. In an environment
-    with :class:`~sb3_piano.wrappers.HandActions` planners play what these can say.
-    """
-    perturbed = (lambda bare: PerturbedStart(bare, start)) if start else None
-    run = RunFolder.open(Path(spec.name).absolute()) if spec.is_run else None  # data lies elsewhere
-    former = None if run is None else run.read_player()
-    if former is not None:
-        spec, env, run = former[0], env or former[1], None
-    if run is not None:
-        refused = f"Run '{spec.name}' cannot be recorded"
-        config = run.read_config()
-        refuse_other_vectors(config, refused)
-        with (
-            OpenPlayer.open(spec, best=best) as player,
-            contextlib.closing(config.env.make(perturbed)) as made,
-        ):
-            residual = next((layer for layer in layers(made) if isinstance(layer, Residual)), None)
-            if residual is not None:
-                _check_nothing_between(residual, made, refused)
-                yield _Corrected(player, residual), residual.env
-                return
-            yield player, made
-        return
-    assert env is not None, "only a run has its own"
-    with contextlib.closing(env.make(perturbed)) as made:
-        hands = next((layer for layer in layers(made) if isinstance(layer, HandActions)), None)
-        if hands is None or spec.name == SIGHT_READER:  # which knows the actions of hands
-            yield spec.make(made), made
-        else:
-            yield _ByHand(spec.make(hands.env), hands), made
-
-
-def player_files(spec: PlayerSpec) -> list[Path]:
-    """Return the files that decide how a player plays, those of what a run corrects included.
-
-    Raises:
-        RunError: If there is no such run, or it has no model.
-    """
-    run = RunFolder.open(spec.name) if spec.is_run else None
-    former = None if run is None else run.read_player()
-    if run is None or former is not None:
-        file = spec.file if former is None else former[0].file
-        own = [] if run is None else [run.config_file]
-        return [*own, *([] if file is None else [network_file(file)])]
-    config = run.read_config()
-    files = [run.config_file, *filter(None, model_files(run, config))]
-    for option, text in config.env.files.items():
-        named = PlayerSpec(name=text) if option == BASE else None
-        files += [network_file(text)] if named is None else player_files(named)
-    return files
-
-
-@dataclass(frozen=True, eq=False)
-class _ByHand:
-    """What plays the piano's own actions, in an environment with those of hands."""
-
-    player: Any
-    env: HandActions
-
-    def reset(self, seed: int) -> None:
-        """Begin a roll-out of the player."""
-        self.player.reset(seed)
-
-    def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Any, Any]:
-        """Return the hands' action that commands what the player does, within their reach."""
-        action, state = self.player.predict(observation, *arguments, **named)
-        piano = self.env.unwrapped
-        assert isinstance(piano, PianoEnv), "HandActions is around a piano"
-        return self.env.action_for(piano.action_map.controls(action)[0]), state
-
-
-@dataclass(frozen=True, eq=False)
-class _Corrected:
-    """Player of a correction and of what it corrects, together."""
-
-    player: OpenPlayer
-    residual: Residual
-
-    def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Any, Any]:
-        """Return what they play."""
-        correction, state = self.player.predict(observation, *arguments, **named)
-        return self.residual.corrected(observation, correction), state
-
-
-def _check_nothing_between(residual: Residual, env: Env, refused: str) -> None:
-    """Refuse wrappers around a correction that change its observations or its actions."""
-    for name in ("observation_space", "action_space"):
-        if getattr(env, name) is not getattr(residual, name):  # a wrapper has its own
-            raise ConfigError(
-                f"{refused}: it has wrappers that change the {name} around the "
-                f"{type(residual).__name__}. Expected none."
-            )
-
-
-def _hand_model(player: OpenPlayer) -> HandModel | None:
-    """Return the network of a hand; ``None`` if the run has learnt something else."""
-    try:
-        return HandModel.of(player.model.policy, _first(player._venv), player.num_timesteps)
-    except ConfigError:  # another policy, other actions, or another observation
-        return None
-
-
-def keep_base(run: RunFolder, config: RunConfig) -> None:
-    """Keep a copy of the run that is corrected, if one is, in the folder of the new run."""
-    if config.env.base is not None:
-        write_player(config.env.base, run.base_dir)
-        kept = run.read_config()
-        run.write_config(kept.with_env(kept.env.with_base(str(run.base_dir))))
-
-
-def write_player(
-    run: str | os.PathLike[str], folder: str | os.PathLike[str], *, best: str | None = None
-) -> RunFolder:
-    """Write what playing a run needs: its settings, origin, score and weights, in plain files.
-
-    If it learnt one network for both hands (a policy for hands, acting by
-    :class:`~sb3_piano.wrappers.HandActions`), that is written as well: ``hand.safetensors`` plays
-    any piece as a :class:`~sb3_piano.players.SightReader`. Arguments and errors are those of
-    :func:`~sb3_piano.training.export_run`, which adds what describes the run.
-    """
-    with player_written(run, folder, best) as written:
-        return written
-
-
-@contextlib.contextmanager
-def player_written(
-    run: str | os.PathLike[str], folder: str | os.PathLike[str], best: str | None
-) -> Iterator[RunFolder]:
-    """Give the folder of :func:`write_player`, which the block completes."""
-    with contextlib.ExitStack() as made:
-        with OpenPlayer.open(os.fspath(run), best=best) as player:
-            if player.run is None:
-                raise RunError(
-                    f"{player.named} was not trained, and is named by that text everywhere: "
-                    "expected a run to be exported."
-                )
-            config = player.run.read_config()
-            written = made.enter_context(RunFolder.making(config, folder))
-            try:
-                keep_base(written, config)
-                written.keep_pieces()
-                if player.run.provenance_file.is_file():
-                    write_bytes(written.provenance_file, read_file(player.run.provenance_file))
-                write_bytes(written.weights_file, pack_weights(player.model, config))
-                hand = _hand_model(player)
-                if hand is not None:
-                    hand.save(written.hand_file)
-            except OSError as error:
-                raise unwritable(written.path, error) from error
-        yield written

@@ -37,10 +37,10 @@ from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.imports import import_class, import_name
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.training.configuration.config import RunConfig
-from sb3_piano.training.configuration.env_spec import Env, EnvSpec
-from sb3_piano.training.configuration.names import import_class, import_name
+from sb3_piano.training.configuration.env_spec import Env
 from sb3_piano.training.configuration.values import (
     classes_made,
     linear_start,
@@ -93,13 +93,6 @@ class _EpisodeFile(ResultsWriter):
     def close(self) -> None:
         with contextlib.suppress(OSError):
             super().close()
-
-
-def one_env(spec: EnvSpec, seed: int | None, innermost: EnvWrapper | None = None) -> DummyVecEnv:
-    """Return a vector of one environment; ``innermost`` is put around the bare one."""
-    venv = DummyVecEnv([lambda: spec.make(innermost, EpisodeLog)])
-    venv.seed(seed)
-    return venv
 
 
 def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> VecEnv:

@@ -11,13 +11,14 @@ from typing import Any
 from sb3_piano.envs.actions import REACH
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import FINE_TUNING
+from sb3_piano.imports import import_name
 from sb3_piano.players import HandModel, PlayerResidual
 from sb3_piano.players.hand_model import FILE_NAME, SHIPPED, SIGHT_READER
 from sb3_piano.players.residual import CORRECTED
 from sb3_piano.settings import Positive, checked, refuse_unknown
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import EnvSpec
-from sb3_piano.training.configuration.names import import_name, registered_id
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import load_config, overlaid
 from sb3_piano.training.runs.folder import RunFolder
@@ -99,7 +100,7 @@ def _of_run(
         pieces=config.pieces if others else base.pieces,
         env_wrapper=(*own.wrappers, residual, *outside),
     )
-    if options.get("observation") == "hands":
+    if options.get("observation") == "hands" and not options.get("observation_blocks"):
         return corrected
     # Of other observations no half is a hand's: one network sees and corrects both at once.
     arguments = config.algorithm_kwargs

@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import ConfigError, RunError, naming
 from sb3_piano.files import Place, read_file, write_bytes, write_yaml
+from sb3_piano.imports import full_name, import_name, is_dotted, known_packages_only
 from sb3_piano.jobs.folders import PROVENANCE, SETTINGS, is_empty, unwritable
 from sb3_piano.links import check_inside, keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -26,14 +27,8 @@ from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import BASE, MODEL, EnvSpec
-from sb3_piano.training.configuration.names import (
-    PLANNERS,
-    full_name,
-    import_name,
-    is_dotted,
-    known_packages_only,
-)
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.configuration.names import PLANNERS
+from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.unfinished import PARTIAL_SUFFIX
 
@@ -220,11 +215,8 @@ class RunFolder:
             _check_numbers(wrapper.kwargs, f"'{self.config_file}': {wrapper.path}")
         for text in _texts(config.algorithm_kwargs):
             if is_dotted(full_name(text)):  # it would be imported when the model is made
-                try:
-                    with known_packages_only():
-                        import_name(text)
-                except ConfigError as error:
-                    raise ConfigError(f"'{self.config_file}': {error}") from error
+                with naming(f"'{self.config_file}'"), known_packages_only():
+                    import_name(text)
         if not os.path.isfile(self.weights_file):
             raise RunError(
                 f"'{self.path}' has no {self.weights_file.name}, and its model could only be "
@@ -250,10 +242,8 @@ class RunFolder:
                 f"'{self.path}' is of {content['algo']!r}, which is not trained: expected a run "
                 "that was. It plays as before: sb3-piano play, evaluate, report, record."
             )
-        try:
+        with naming(f"'{self.config_file}'"):
             config = RunConfig(**content)
-        except ConfigError as error:
-            raise ConfigError(f"'{self.config_file}': {error}") from error
         return config.with_env(config.env.with_files(self._inside(config.env.files)))
 
     def _inside(self, files: Mapping[str, str]) -> dict[str, str]:

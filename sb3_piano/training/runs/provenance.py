@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import functools
 import importlib.metadata
@@ -10,8 +11,6 @@ import shlex
 import sys
 from typing import Any
 
-import torch
-
 import sb3_piano
 
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
@@ -19,6 +18,8 @@ _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy",
 
 def provenance(seed: int | None) -> dict[str, Any]:
     """Return what the folder of a run with this seed notes beside the config, in YAML's types."""
+    import torch  # here, as players, whose versions are noted, do without
+
     return {
         "command": shlex.join(sys.orig_argv),
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -31,7 +32,9 @@ def provenance(seed: int | None) -> dict[str, Any]:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the versions of the packages, whose metadata take a while to be read."""
-    found = {package: importlib.metadata.version(package) for package in _PACKAGES}
-    python = {"python": platform.python_version()}
-    return {"sb3_piano": sb3_piano.__version__, **found, **python}
+    """Return the versions of the packages that are installed, reading their metadata once."""
+    found = {"sb3_piano": sb3_piano.__version__}
+    for package in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # players need few
+            found[package] = importlib.metadata.version(package)
+    return {**found, "python": platform.python_version()}

@@ -21,19 +21,19 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.callbacks import EpisodeMetricsCallback, RewardTermsCallback
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY, Checkpoint, ResumableCheckpoint
-from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, hand_over
+from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, set_run_context
 from sb3_piano.callbacks.progress import PianoProgressBar
 from sb3_piano.callbacks.replay_segments import end_last_episode, restore_replay_buffer
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.links import check_inside
-from sb3_piano.policies import sparing_updates
+from sb3_piano.policies import fast_updates
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import registered_id
-from sb3_piano.training.playing.player import keep_base
+from sb3_piano.training.playing.player_files import keep_base
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_model, load_statistics
@@ -211,13 +211,13 @@ def _learn(
     def another_env(innermost: EnvWrapper | None) -> VecEnv:
         return build_vec_env(config.alone(), innermost=innermost)
 
-    hand_over(RunContext(folder=run.path, make_env=another_env), callbacks)
+    set_run_context(RunContext(folder=run.path, make_env=another_env), callbacks)
     if resumed is not None:
         resumed.restore_callbacks(callbacks)
     own: list[BaseCallback] = [EpisodeMetricsCallback(), RewardTermsCallback()]
     with contextlib.ExitStack() as stack:
         stack.callback(_close_logger, model)
-        stack.enter_context(sparing_updates(model))
+        stack.enter_context(fast_updates(model))
         if progress_bar:
             own.append(stack.enter_context(contextlib.closing(PianoProgressBar())))
         own.append(

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from sb3_piano.envs import PianoEnv
 from sb3_piano.files import Place, write_text
 from sb3_piano.training.evaluation.evaluate import evaluate
-from sb3_piano.training.playing.player import OpenPlayer, player_written
+from sb3_piano.training.playing.player import OpenPlayer
+from sb3_piano.training.playing.player_files import player_written
 from sb3_piano.training.playing.takes import take_of
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.sharing.card import card_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sb3_piano.exceptions import (
     ConfigError,
@@ -15,8 +15,10 @@ from sb3_piano.exceptions import (
     one_line,
 )
 from sb3_piano.training.playing.player import OpenPlayer
-from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.unfinished import PARTIAL_SUFFIX
+
+if TYPE_CHECKING:
+    from sb3_piano.training.runs.folder import RunFolder
 
 _HUB = re.compile(r"hf:(//)?(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 
@@ -46,6 +48,8 @@ def load_player(folder: str | os.PathLike[str], **options: Any) -> OpenPlayer:
 
 def exported_folder(name: str | os.PathLike[str]) -> Path:
     """Return the checked folder of an exported run, fetched if it is on the Hub."""
+    from sb3_piano.training.runs.folder import RunFolder  # players alone need no torch
+
     folder = _fetched(os.fspath(name)) if is_on_hub(name) else Path(name)
     RunFolder.open(folder).read_config(exported=True)
     return folder

@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from sb3_piano.metrics import DEFINITIONS
-from sb3_piano.metrics.episode import Definition, has_value
+from sb3_piano.exceptions import MissingPackageError
+from sb3_piano.metrics import episode
+from sb3_piano.metrics.episode import RETURN_PREFIX, Definition, has_value
 from sb3_piano.metrics.onsets import ONSET_TOLERANCE
 from sb3_piano.viewing.moment import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
 
 TOLERANCE = f"{1000 * ONSET_TOLERANCE:.0f} ms"
 """Distance from its onset within which a strike hits a note, as text."""
 
-_TERM_PREFIX = "return_"
 
-
-def definition_of(name: str) -> Definition:
+def definition_of(name: str, labels: Mapping[str, str] = MappingProxyType({})) -> Definition:
     """Return the definition of a number, its label as it begins a line.
 
-    Reward terms stand under a heading everywhere, and go by their short names; a number that nobody
-    defined is called by its name.
+    Reward terms stand under a heading everywhere, and go by their short names, or by ``labels`` of
+    their own.
     """
-    words = name.removeprefix(_TERM_PREFIX).replace("_", " ")
-    known = DEFINITIONS.get(name, Definition(name, "", words, "", words))
-    label = known.short if name.startswith(_TERM_PREFIX) else known.label
+    known = episode.definition_of(name)
+    term = name.removeprefix(RETURN_PREFIX)
+    label = known.label.replace("_", " ") if term == name else labels.get(term) or known.short
     return replace(known, label=label[:1].upper() + label[1:])
 
 
@@ -93,8 +93,13 @@ def plural(number: int, one: str, many: str = "") -> str:
 
 @cache
 def _environment() -> Environment:
-    from plotly.offline import get_plotlyjs  # slow to import, and of no use without a page
-    from plotly.utils import PlotlyJSONEncoder
+    try:
+        from plotly.offline import get_plotlyjs  # slow to import, and of no use without a page
+        from plotly.utils import PlotlyJSONEncoder
+    except ImportError as error:
+        raise MissingPackageError(
+            "A page needs plotly, which is not installed: pip install plotly"
+        ) from error
 
     loader = PackageLoader("sb3_piano.viewing.report")
     environment = Environment(
@@ -105,7 +110,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"cls": PlotlyJSONEncoder}
-    environment.filters.update(plural=plural, definition=definition_of)
+    environment.filters.update(plural=plural)
     environment.globals.update(
         static=lambda name: Markup(loader.get_source(environment, name)[0]),
         plotly=lambda: Markup(get_plotlyjs()),

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.metrics import DEFINITIONS
-from sb3_piano.metrics.episode import FINGER_SHARES
+from sb3_piano.metrics.episode import FINGER_SHARES, RETURN_PREFIX, in_order
 from sb3_piano.metrics.fingers import finger_shares
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.catalogue import shown_title
@@ -34,7 +34,7 @@ PLAYED, NOTHING = "played", "playing nothing"
 MOST_POINTS = 400
 """Points of a curve that are drawn; of a longer one, means of neighbours are."""
 
-_RETURN_PREFIX, _REWARD_TAGS = "return_", "reward/"
+_REWARD_TAGS = "reward/"
 
 # As the hands lie on the keyboard: the left one's little finger is the leftmost.
 _LEFT_TO_RIGHT = (9, 8, 7, 6, 5, 0, 1, 2, 3, 4)
@@ -66,6 +66,8 @@ class Report:
     """Name and text of each fact about its origin."""
     commands: Sequence[tuple[str, str]] = ()
     """Purpose and text of each command line that makes it again."""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """Words for reward terms by name, for those that ``DEFINITIONS`` does not have."""
     replay: Replay | None = None
     """The performance in three dimensions, if it is to be shown."""
 
@@ -87,13 +89,17 @@ def report_html(report: Report) -> str:
         columns=columns,
         nothing=NOTHING,
         # The shares of the ten fingers have a figure.
-        names=[name for name in DEFINITIONS if name in metrics and name not in FINGER_SHARES],
+        definitions=[
+            definition_of(name, report.labels)
+            for name in in_order(metrics)
+            if name not in FINGER_SHARES
+        ],
         legends=legends(notes, presses),
         pedal_mark=PEDAL_MARK,
         piano_roll=piano_roll(performance, notes, presses),
         finger_usage=finger_usage(performance, metrics),
-        reward_terms=reward_terms(metrics, baseline),
-        panels=training_panels(report.curves, baseline),
+        reward_terms=reward_terms(metrics, baseline, report.labels),
+        panels=training_panels(report.curves, baseline, report.labels),
     )
 
 
@@ -147,7 +153,9 @@ def _finger_shares(played: FloatArray | None, due: FloatArray) -> dict[str, Any]
 
 
 def reward_terms(
-    metrics: Mapping[str, float], baseline: Mapping[str, float] | None
+    metrics: Mapping[str, float],
+    baseline: Mapping[str, float] | None,
+    labels: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any] | None:
     """Return the episode's sum of each weighted reward term, the policy's beside resting.
 
@@ -155,7 +163,7 @@ def reward_terms(
         Labels of the ``terms``, and ``rows`` of their sums; ``None`` if no name begins with
         ``return_``.
     """
-    names = [name for name in metrics if name.startswith(_RETURN_PREFIX)]
+    names = [name for name in metrics if name.startswith(RETURN_PREFIX)]
     episodes = {PLAYED: metrics} if baseline is None else {PLAYED: metrics, NOTHING: baseline}
     rows = [
         {
@@ -165,11 +173,14 @@ def reward_terms(
         }
         for who, sums in episodes.items()
     ]
-    return {"terms": [definition_of(n).label for n in names], "rows": rows} if names else None
+    terms = [definition_of(name, labels).label for name in names]
+    return {"terms": terms, "rows": rows} if names else None
 
 
 def training_panels(
-    curves: Mapping[str, Curve], baseline: Mapping[str, float] | None
+    curves: Mapping[str, Curve],
+    baseline: Mapping[str, float] | None,
+    labels: Mapping[str, str] = MappingProxyType({}),
 ) -> list[dict[str, Any]]:
     """Return a panel for each of F1, onset F1, return and reward terms that the log knows.
 
@@ -178,7 +189,7 @@ def training_panels(
         nothing or ``None``, and whether it is a ``share``, in [0, 1].
     """
     rewards = {
-        tag: definition_of(_RETURN_PREFIX + tag.removeprefix(_REWARD_TAGS)).label
+        tag: definition_of(RETURN_PREFIX + tag.removeprefix(_REWARD_TAGS), labels).label
         for tag in curves
         if tag.startswith(_REWARD_TAGS)
     }

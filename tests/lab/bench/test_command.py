@@ -11,12 +11,15 @@ import sys
 import pytest
 from printed import rows_of
 from rich.console import Console
+from yaml_rows import Tables
 
 import sb3_piano.lab.bench
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoVectorEnv
 from sb3_piano.lab.bench import BenchReport, players, render, workloads
 from sb3_piano.lab.bench.measurement import Row
+
+tables = Tables(__file__)
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +36,7 @@ def row(name, value, part="simulation", unit="steps/s", ratios=None, **more):
 def shown(*rows, peer=None):
     """Return the lines of the table of a report."""
     console = Console(width=80)
-    report = BenchReport(machine=MACHINE, peer=peer, rows=rows, interrupted=False)
+    report = BenchReport(machine=tables["machine"], peer=peer, rows=rows, interrupted=False)
     with console.capture() as capture:
         console.print(render(report))
     return capture.get().splitlines()
@@ -77,37 +80,6 @@ def test_ctrl_c_prints_and_writes_what_there_is(monkeypatch, tmp_path, capsys):
     assert [len(row["by_round"]) for row in stored["rows"]] == [1] * 10
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("--peer-python nowhere", "The peer interpreter 'nowhere' cannot be started: No such file"),
-        (f"--peer-python {sys.executable}", "pip install robopianist==1.0.10"),
-        ("--peer-python x --only memory", "the simulation is not measured"),
-        ("--before x --only memory", "before is 'x', but the simulation is not measured"),
-        ("--before nowhere", "The version in 'nowhere' has no sb3_piano/__init__.py. Expected a"),
-        ("--json no/where.json", "--json is 'no/where.json' (No such file or directory): expected"),
-        ("--json .", "--json is '.' (Is a directory): expected a file that can be written."),
-    ],
-)
-def test_an_error_is_one_line_on_stderr(arguments, message, capsys):
-    assert main(["bench", *arguments.split()]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith("sb3-piano: error: ")
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
-
-
-MACHINE = {
-    "date": "2030-01-02 03:04+00:00",
-    "versions": {"python": "3.11.7", "mujoco": "3.17.0"},
-    "cpu": "Slow 486",
-    "cores": 3,
-    "torch_threads": 2,
-    "device": "cpu",
-}
-
-
 def test_the_table_has_the_rows_with_their_ratios():
     rounds = {"by_round": (1, 2)}
     lines = shown(
@@ -116,21 +88,8 @@ def test_the_table_has_the_rows_with_their_ratios():
         row("c", 9.16, "memory", "GB", ratios={"x of d": 12.34}),
         peer={"robopianist": "1.0.10"},
     )
-    assert lines[:5] == [
-        "RoboPianist-debug-CMajorScaleTwoHands-v0, 2030-01-02 03:04+00:00",
-        "python 3.11.7, mujoco 3.17.0",
-        "Slow 486, usable cores: 3; networks on cpu, torch threads: 2",
-        "The peer: robopianist 1.0.10",
-        "Rounds: 2. env/bare: time of the env over that of its mj_step.",
-    ]
-    assert rows_of("\n".join(lines)) == [
-        ["Simulation, steps/s", "", ""],
-        ["a", "1235", ""],
-        ["b", "56.8", "0.0457 x of a"],
-        ["", "", "1.12 env/bare"],
-        ["Full replay buffer, GB", "", ""],
-        ["c", "9.16", "12.3 x of d"],
-    ]
+    assert lines[:5] == tables["head"]
+    assert rows_of("\n".join(lines)) == tables["rows"]
 
 
 def test_the_table_has_processor_time_where_it_was_measured():

@@ -15,7 +15,7 @@ from yaml_rows import Tables
 
 from sb3_piano import threads
 from sb3_piano.cli import main
-from sb3_piano.cli.main import _parser
+from sb3_piano.cli.main import parser_of
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import HELD_OUT
@@ -38,28 +38,9 @@ RESULTS, HELD_OUT_RESULTS, TREE_RESULTS = (
 )
 ALL_RESULTS = (*RESULTS, *HELD_OUT_RESULTS, *TREE_RESULTS)
 
-RESULT = {
-    "piece": "repertoire-FurElise",
-    "score_sha256": "0" * 64,
-    "player": "planned",
-    "player_sha256": None,
-    "physics": "reference",
-    "seeds": [0, 1],
-    "action_noise": 0.0001,
-    "f1": [0.5, 0.7],
-    "onset_f1": [0.25, 0.5],
-    "noop_f1": 0.125,
-    "cpu_seconds": 1.5,
-    "package_version": "0.1.0",
-    "versions": {"mujoco": "3.17.0"},
-    "hardware": "a processor",
-    "command": "sb3-piano results measure",
-    "date": "2026-11-24",
-}
-
 
 def result(**changes):
-    return Result.model_validate_json(json.dumps({**RESULT, **changes}))
+    return Result.model_validate_json(json.dumps({**tables["result"], **changes}))
 
 
 def test_each_piece_of_the_repertoire_has_a_result_of_each_player():
@@ -86,7 +67,7 @@ def test_the_commands_of_results_are_ones_that_there_are():
     for found in ALL_RESULTS:
         program, *arguments = shlex.split(found.command)
         assert program == "sb3-piano"
-        given = _parser().parse_args(arguments)
+        given = parser_of().parse_args(arguments)
         assert (given.pieces, given.players) == ([found.piece], [found.player])
 
 
@@ -108,31 +89,13 @@ def test_a_file_has_one_result_of_a_piece_a_player_and_a_physics():
         Results(results=(result(), result(f1=[0.1, 0.1])))
 
 
-@pytest.mark.parametrize(
-    ("now", "message"),
-    [
-        ('"schema_version": 4', "schema_version"),
-        ('"schema_version": 2', "is 2, of results without noise: measure"),
-        ("no json", r"\(Invalid JSON: .*\): .*\."),
-    ],
-)
+@tables("now, message")
 def test_a_file_of_another_schema_or_that_is_no_json_is_told_in_a_line(tmp_path, now, message):
     file = tmp_path / "results.json"
     Results(results=(result(),)).write(file)
     file.write_text(file.read_text().replace('"schema_version": 3', now))
     with pytest.raises(ConfigError, match=f"^'.*results.json' does not fit.*{message}.*$"):
         Results.read(file)
-
-
-def test_seeds_given_twice_and_who_is_no_player_are_refused_before_anything_is_played(
-    tmp_path, capsys
-):
-    arguments = ["--pieces", "scale-AMajor", "--seeds", "0", "0", "--out", str(tmp_path / "out")]
-    assert main(["results", "measure", *arguments]) == 2
-    assert "Seed 0 is given 2 times: expected each seed once" in capsys.readouterr().err
-    assert main(["results", "measure", "--players", "sightreader"]) == 2
-    error = capsys.readouterr().err
-    assert "There is no player or folder 'sightreader': expected one of planned" in error
 
 
 def test_a_file_of_another_kind_is_told_before_anything_is_played(tmp_path, capsys):
@@ -186,14 +149,8 @@ def test_a_new_result_takes_the_place_of_the_old_one(tmp_path):
 def test_the_table_has_means_over_seeds_and_over_pieces_that_all_are_played():
     of_one = result(piece="repertoire-OdeToJoy", player="sight-reader", noop_f1=0.375)
     other = result(piece="repertoire-OdeToJoy", f1=[1, 1], onset_f1=[1, 1], noop_f1=0.375)
-    assert score_table([result(), other, of_one]).splitlines() == [
-        "| piece | nothing | planned | sight-reader |",
-        "|---|---:|---:|---:|",
-        "| repertoire-FurElise | 0.125 | 0.60 ± 0.10 / 0.38 ± 0.12 |  |",
-        "| repertoire-OdeToJoy | 0.375 | 1.000 ± 0.000 / 1.000 ± 0.000 "
-        "| 0.60 ± 0.10 / 0.38 ± 0.12 |",
-        "| **mean** | 0.250 | 0.80 ± 0.05 / 0.69 ± 0.06 |  |",
-    ]
+    found = score_table([result(), other, of_one]).splitlines()
+    assert found == tables["score_table"]
 
 
 def test_as_many_digits_are_shown_as_hold():

@@ -10,8 +10,8 @@ import pytest
 import safetensors.numpy
 from node_programs import WEB
 from short_scores import score_of
+from yaml_rows import Tables
 
-from sb3_piano.cli.main import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, UnknownPieceError
 from sb3_piano.lab.web import export_web, score_table
@@ -32,16 +32,6 @@ SHORT = score_of(
     title="A broken chord",
 )
 
-# What moves and touches; the cameras of videos, which have fewer digits, do neither.
-SAME_IN_THE_MODEL = [
-    *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
-    *("jnt_range", "jnt_stiffness", "jnt_axis", "qpos_spring"),
-    *("dof_damping", "dof_armature", "dof_frictionloss"),
-    *("geom_pos", "geom_quat", "geom_size", "geom_friction", "geom_solref", "geom_solimp"),
-    *("mesh_vert", "mesh_face", "exclude_signature"),
-    *("actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange", "actuator_forcerange"),
-]
-
 
 @pytest.fixture(scope="module")
 def scene():
@@ -59,7 +49,7 @@ def exported(tmp_path_factory):
 def test_the_xml_is_the_scene_to_the_last_digit_and_old_mujocos_can_read_it(scene):
     xml = scene_xml(scene)
     model = mujoco.MjModel.from_xml_string(xml)
-    for name in SAME_IN_THE_MODEL:
+    for name in Tables(__file__)["same_in_the_model"]:
         np.testing.assert_array_equal(getattr(model, name), getattr(scene.model, name), name)
     names = [[m.body(i).name for i in range(m.nbody)] for m in (model, scene.model)]
     assert names[0] == names[1]
@@ -195,14 +185,6 @@ def test_no_exported_piece_is_called_like_a_visitors_own_file():
     named = _named([f"{own}.mid"])
     assert len(named) == 1
     assert own not in named
-
-
-def test_a_file_is_no_folder(tmp_path, capsys):
-    file = tmp_path / "assets"
-    file.write_text("something else")
-    assert main(["export", "web", str(file), "--pieces", "scale-CMajor", "--no-progress"]) == 2
-    assert "cannot be written" in capsys.readouterr().err
-    assert file.read_text() == "something else"
 
 
 @pytest.mark.slow

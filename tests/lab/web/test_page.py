@@ -7,6 +7,7 @@ from browser_tab import PHONE
 from file_server import served
 from page_parts import BROKEN_CHORD, MELODY, WEB, PianoTab, build_page
 from short_scores import save_tune
+from yaml_rows import Tables
 
 from sb3_piano.music.constants import MIN_PITCH
 
@@ -15,35 +16,10 @@ pytestmark = pytest.mark.slow
 C4 = 60 - MIN_PITCH
 SCREEN = {"viewport": {"width": 1000, "height": 700}}
 
-DROP = """([name, bytes]) => {
-  const data = new DataTransfer();
-  data.items.add(new File([new Uint8Array(bytes)], name));
-  document.body.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true }));
-}"""
-
-# A point of the picture at which something else is to be found than nothing.
-FIND = """wanted => {
-  const box = document.getElementById("scene").getBoundingClientRect();
-  for (let y = box.bottom - 2; y > box.top; y -= 6)
-    for (let x = box.left + 40; x < box.right; x += 6) {
-      const found = opened.at(x, y);
-      const fits = wanted === "any key" ? typeof found === "number" : found === wanted;
-      if (fits) return [x, y, found];
-    }
-  return null;
-}"""
-
-NOTE_TITLES = """() => {
-  window.titles = [];
-  const note = new MutationObserver(() => titles.push(document.title));
-  note.observe(document.querySelector("title"), { childList: true });
-}"""
-
-NAMELESS = """() => [...document.querySelectorAll("button, input, select, summary, a[href]")]
-  .filter(node => node.checkVisibility())
-  .filter(node => ![node.ariaLabel, node.innerText, node.title, ...[...(node.labels ?? [])]
-    .map(label => label.innerText)].some(text => (text ?? "").trim()))
-  .map(node => node.outerHTML)"""
+tables = Tables(__file__)
+DROP, FIND, NOTE_TITLES, NAMELESS = (
+    tables[name] for name in ("drop", "find", "note_titles", "nameless")
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,45 +1,35 @@
 """The sight-reader in the page: it reads, observes and acts as the one of Python does."""
 
+import dataclasses
 import json
 import shutil
 
 import numpy as np
 import pytest
 import safetensors.numpy
+from node_programs import WEB, RefusedInputError
 from page_parts import PARITY_PIECES
+from yaml_rows import Tables
 
 from sb3_piano.envs import PianoEnv
+from sb3_piano.envs.hand_encoding import HANDS_VERSION
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.web.reading_facts import reading_facts
 from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
 from sb3_piano.metrics import frame_f1
 from sb3_piano.music import Note, Score, load_score
-from sb3_piano.players import SightReader
+from sb3_piano.players import HandModel, SightReader
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.reading import KeyPlaces, both_hands, read_piece
 from sb3_piano.reading.piece import bounds_of
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.player import PLANNED_IN
 
-# Ends of the keyboard, keys struck anew at once, leaps, more notes than fingers, and each hand
-# alone where the other one rests.
-CHORDS = [
-    ("left", (21, 22)),
-    ("right", (107, 108)),
-    ("right", (108,)),
-    ("left", (21,)),
-    ("left", (21,)),
-    *[("right", (pitch,)) for pitch in (48, 45, 43, 41, 45)],
-    *[("left", (pitch,)) for pitch in (72, 75, 77, 80, 84)],
-    ("right", (60, 62, 64, 65, 67, 69)),
-    ("right", (60, 79)),
-    ("left", (21, 58)),
-]
 LENGTH = {"right": 0.3, "left": 0.34}  # the left hand's notes overlap
 EDGES = Score(
     notes=[
         Note(onset=0.3 * number, offset=0.3 * number + LENGTH[hand], pitch=pitch, hand=hand)
-        for number, (hand, pitches) in enumerate(CHORDS)
+        for number, (hand, pitches) in enumerate(Tables(__file__)["chords"])
         for pitch in pitches
     ],
     title="ends of the keyboard",
@@ -157,6 +147,23 @@ def test_it_plays_as_well_as_in_python(reader, folder, piece, tmp_path):
     for step, keys in enumerate(rows):
         played[step, keys] = True
     assert frame_f1(env.roll.active, played) == pytest.approx(info["f1"], abs=0.01)
+
+
+def test_the_page_observes_what_python_does_by_its_version():
+    text = (WEB / "src" / "players" / "hand_encoding.ts").read_text("utf-8")
+    assert f"export const HANDS_VERSION = {HANDS_VERSION};" in text
+
+
+@pytest.mark.slow
+def test_a_network_for_another_observation_is_refused(reader, folder, tmp_path):
+    model, file = HandModel.load(SHIPPED), tmp_path / "roll.safetensors"
+    later = dataclasses.replace(model.facts, observation_version=HANDS_VERSION + 1)
+    other = shutil.copytree(folder, tmp_path / "other")
+    HandModel(model.tensors, later).save(other / SHIPPED.name)
+    safetensors.numpy.save_file(roll_arrays(PianoEnv(EDGES, **PLANNED_IN).goal.fingered_roll), file)
+    request = {"ask": "play", "folder": str(other), "file": str(file)}
+    with pytest.raises(RefusedInputError, match=r"of 2, 0.05, 770, \d+, and here they are 1, 0.05"):
+        reader.ask(request)
 
 
 def test_reading_facts_need_both_hands():

@@ -8,6 +8,9 @@ import type { Simulation } from "../simulation/simulation";
 import { NUM_KEYS, type PianoRoll } from "../types";
 import { FingerPresses } from "./hand_encoding_presses";
 
+/** Version of what is observed, Python's: networks belong to one. */
+export const HANDS_VERSION = 1;
+
 /** States after the present one of which is shown: key frames, where the arm is wanted, ... */
 const FRAMES_AHEAD = [1, 2, 3, 4, 6, 8];
 const PLACES_AHEAD = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];

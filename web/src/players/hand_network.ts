@@ -36,6 +36,8 @@ export class HandNetwork {
   /** Numbers of one hand's observation, and of its action. */
   readonly inputs: number;
   readonly outputs: number;
+  /** Version of the observation for which it was trained. */
+  readonly observationVersion: number;
   /** Length of the control step for which it was trained, s. */
   readonly controlTimestep: number;
   /** How far from where it is an action of 1 sends a finger's joint, rad. */
@@ -59,6 +61,7 @@ export class HandNetwork {
       throw new Error(`The network's activation is ${name}: expected one of ${known}.`);
     }
     this.activation = activation;
+    this.observationVersion = Number(file.metadata.observation_version ?? 1);
     this.controlTimestep = fact<number>(file, "control_timestep");
     this.reach = fact<number>(file, "reach");
     this.mean = floats(file, "standardize.mean");

@@ -2,7 +2,7 @@ import type { ReadingFacts } from "../reading/facts";
 import type { Simulation } from "../simulation/simulation";
 import { readTensors } from "../tensors";
 import { type Assets, CONTROL_TIMESTEP, type Piece } from "../types";
-import { HandEncoding } from "./hand_encoding";
+import { HANDS_VERSION, HandEncoding } from "./hand_encoding";
 import { HandNetwork } from "./hand_network";
 import type { Player } from "./player";
 
@@ -21,12 +21,13 @@ export class SightReader implements Player {
     const scene = simulation.facts;
     this.encoding = new HandEncoding(facts, scene);
     this.reach = Float64Array.from(scene.handActionUnit, (unit) => network.reach * unit);
-    const trained = [network.controlTimestep, 2 * network.inputs, 2 * network.outputs];
-    const here = [CONTROL_TIMESTEP, this.encoding.size, scene.ctrlLow.length];
+    const { observationVersion, controlTimestep, inputs, outputs } = network;
+    const trained = [observationVersion, controlTimestep, 2 * inputs, 2 * outputs];
+    const here = [HANDS_VERSION, CONTROL_TIMESTEP, this.encoding.size, scene.ctrlLow.length];
     if (trained.some((number, i) => number !== here[i])) {
       throw new Error(
-        `The network was trained for control step, observation and action of ${trained.join(", ")}, and here they ` +
-          `are ${here.join(", ")}: expected files of one 'sb3-piano export web'.`,
+        "The network was trained for an observation of version, control step, length and action of " +
+          `${trained.join(", ")}, and here they are ${here.join(", ")}: expected files of one 'sb3-piano export web'.`,
       );
     }
   }

@@ -25,11 +25,17 @@ interface Request {
 }
 
 for await (const line of createInterface({ input: process.stdin })) {
-  const { ask, folder, file } = JSON.parse(line) as Request;
+  process.stdout.write(`${JSON.stringify(await answer(JSON.parse(line) as Request))}\n`);
+}
+
+async function answer({ ask, folder, file }: Request): Promise<object> {
   const assets = new FolderAssets(folder);
   const tensors = readTensors(new Uint8Array(await readFile(file)));
-  const answer = await (ask === "play" ? play(assets, rollIn(tensors)) : observe(assets, tensors));
-  process.stdout.write(`${JSON.stringify({ answer })}\n`);
+  try {
+    return { answer: await (ask === "play" ? play(assets, rollIn(tensors)) : observe(assets, tensors)) };
+  } catch (error) {
+    return { refused: (error as Error).message };
+  }
 }
 
 /** What the roll asks of the hands; what they observe and do in the recorded states. */

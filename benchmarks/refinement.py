@@ -2,11 +2,13 @@
 
     python benchmarks/refinement.py --seconds 8 --passes 2
     python benchmarks/refinement.py --pieces ChopinNocturneOp9No2 MapleLeafRag --seconds 15
+    python benchmarks/refinement.py --samples 0 --forearms forearm_tx forearm_ty forearm_yaw
 
 The beginning of each piece of the repertoire is planned, refined by some passes, and played by
 predictive sampling around the plan. Each cell has F1, onset F1 and seconds of one core as the
 processor counts them: of a refinement those of all passes so far, of sampling those of playing. A
-row is printed as soon as it is measured.
+row is printed as soon as it is measured. ``--samples 0`` leaves sampling out; ``--forearms`` takes
+the joints that forearms have.
 """
 
 from __future__ import annotations
@@ -29,9 +31,12 @@ from sb3_piano.training.playing.player import PLANNED_IN
 REPERTOIRE = [name for name, piece in BUILT_IN.items() if piece.collection == "repertoire"]
 
 
-def row(piece: str, seconds: float, passes: int, samples: int) -> list[str]:
+def row(
+    piece: str, seconds: float, passes: int, samples: int, forearms: Sequence[str] | None
+) -> list[str]:
     """Return the cells of a piece."""
-    env = PianoEnv(load_score(piece).excerpt(0.0, seconds), **PLANNED_IN)
+    score = load_score(piece).excerpt(0.0, seconds)
+    env = PianoEnv(score, **PLANNED_IN, forearm_dofs=forearms and tuple(forearms))
     env.reset(seed=0)
     start = time.process_time()
     pianist = PlannedPianist(env)
@@ -46,9 +51,10 @@ def row(piece: str, seconds: float, passes: int, samples: int) -> list[str]:
             refinement.run(passes=1)
             spent = time.process_time() - start
             cells.append(cell(told(env, refinement.plan.commands), spent))
-    sampling = PredictiveSampling(env, samples=samples, n_threads=1)
-    start = time.process_time()
-    cells.append(cell(played(env, sampling), time.process_time() - start))
+    if samples > 0:
+        sampling = PredictiveSampling(env, samples=samples, n_threads=1)
+        start = time.process_time()
+        cells.append(cell(played(env, sampling), time.process_time() - start))
     return [piece.removeprefix("repertoire-"), *cells]
 
 
@@ -83,13 +89,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, default=15.0, help="of music from the beginning")
     parser.add_argument("--passes", type=int, default=2)
     parser.add_argument("--samples", type=int, default=32)
+    parser.add_argument("--forearms", nargs="+", metavar="JOINT", help="their joints")
     options = parser.parse_args(argv)
     warnings.simplefilter("ignore", PlanWarning)
-    counts = [f"{n + 1} pass{'es' if n else ''}" for n in range(options.passes)]
-    print(f"| piece | planned | {' | '.join(counts)} | sampling-{options.samples} |")
-    print("| --- |" + " --- |" * (options.passes + 2))
+    passes = [f"{n + 1} pass{'es' if n else ''}" for n in range(options.passes)]
+    heads = ["piece", "planned", *passes]
+    heads += [f"sampling-{options.samples}"] if options.samples > 0 else []
+    print(f"| {' | '.join(heads)} |")
+    print("|" + " --- |" * len(heads))
     for piece in options.pieces:
-        cells = row(piece, options.seconds, options.passes, options.samples)
+        cells = row(piece, options.seconds, options.passes, options.samples, options.forearms)
         print(f"| {' | '.join(cells)} |", flush=True)
 
 

@@ -17,6 +17,7 @@ from browser_tab import Tab
 from hypothesis import settings
 
 import sb3_piano  # noqa: F401  (first of all: MuJoCo must not be imported before it)
+from sb3_piano.hands import find_hand
 
 gc.disable()  # until all tests are collected: nothing that is imported until then ever goes
 
@@ -50,9 +51,11 @@ class Recording:
         with np.load(path) as arrays:
             self.arrays = dict(arrays)
         self.options = {
-            "reduced_action_space": action_space == "reduced",
+            "reduced_action_space": action_space != "full",
             "initial_buffer_time": float(self.arrays.get("initial_buffer_time", 0.0)),
         }
+        if action_space == "forearms":  # the reduced one, with all joints of the forearms
+            self.options["forearm_dofs"] = [*find_hand().forearm.joints.values()]
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.arrays[name]

@@ -25,8 +25,8 @@ LINES = {
     "callbacks": 2_774,
     "cli": 3_293,
     "demonstrations": 1_502,
-    "envs": 3_667,
-    "hands": 932,
+    "envs": 3_690,
+    "hands": 1_105,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
@@ -34,11 +34,11 @@ LINES = {
     "metrics": 1_053,
     "music": 8_509,
     "pipelines": 1_198,
-    "planning": 2_710,
+    "planning": 2_721,
     "players": 2_163,
     "policies": 1_588,
     "reading": 578,
-    "simulation": 947,
+    "simulation": 983,
     "training": 6_307,
     "tuning": 1_303,
     "vec_env": 488,
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_394, "modules": 334, "names": 227},
+    "core": {"lines": 49_639, "modules": 335, "names": 227},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
-    "tests": {"lines": 41_849},
+    "tests": {"lines": 42_091},
 }
 
 

@@ -15,7 +15,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.settings import Number, Unit, checked
-from sb3_piano.simulation.scene import TIP_TRAVEL
+from sb3_piano.simulation.scene import kind_of, tip_unit
 from sb3_piano.wrappers import HandActions
 
 DEFAULT_MEMORY = 0.2
@@ -58,8 +58,8 @@ class ActuatorNoise(CorrelatedNoise):
     Args:
         env: A piano environment, wrapped or not, whose actions are those of the bare one, or of
             :class:`~sb3_piano.wrappers.HandActions`.
-        std: Standard deviation of the actuators' targets, rad, at least 0; for the forearms 6 cm
-            for each rad.
+        std: Standard deviation of the actuators' targets, rad, at least 0; for the forearms 6 cm,
+            or 0.15 rad, for each rad.
         memory: Time in which the correlation falls to 1/e, s; 0 for noise without memory.
 
     Raises:
@@ -75,7 +75,7 @@ class ActuatorNoise(CorrelatedNoise):
                 f"Noise of {std} rad cannot be added in a {type(piano).__name__}: expected a piano "
                 "environment, or no noise."
             )
-        units = np.where(piano.scene.actuator_kind == "forearm", TIP_TRAVEL, 1.0)
+        units = np.array([tip_unit(str(kind)) for kind in piano.scene.actuator_kind])
         by_hand = next((one for one in layers(env) if isinstance(one, HandActions)), None)
         if env.action_space.shape == piano.action_space.shape:
             std_of_actions = np.append(piano.action_map.change(std * units), 0.0)
@@ -133,8 +133,8 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
 
     Args:
         env: A bare piano environment, or what ``gymnasium.make`` returns for one.
-        std: Standard deviation of each joint, rad, at least 0; for the forearms 6 cm for each
-            rad.
+        std: Standard deviation of each joint, rad, at least 0; for the forearms 6 cm, or
+            0.15 rad, for each rad.
 
     Raises:
         ConfigError: If ``std`` is out of range, or ``env`` is no piano or has wrappers that change
@@ -165,10 +165,10 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         scene, data = self._piano.scene, self._piano.data
         where = scene.hand_qpos
         names = [scene.hand.short(name) for names in scene.joint_names for name in names]
-        slides = [scene.hand.role(name) in ("along", "across") for name in names]
+        units = [tip_unit(kind_of(scene.hand.role(name))) for name in names]
         low, high = np.concatenate(scene.joint_range).T
         offsets = self._piano.np_random.normal(size=len(where)) * self._std
-        moved = data.qpos[where] + offsets * np.where(slides, TIP_TRAVEL, 1.0)
+        moved = data.qpos[where] + offsets * units
         data.qpos[where] = np.clip(moved, low, high)
         # Putting the state back makes everything that follows from the positions.
         return self._piano.set_state(self._piano.get_state()), info

@@ -13,13 +13,15 @@ from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import InvalidActionError, one_line
 from sb3_piano.settings import Positive, checked
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.scene import tip_unit
 
 REACH = 1.2
 """How far from where it is hands send a finger's joint at most, rad, unless told otherwise."""
 
 # What moves a fingertip about as far in a control step of 0.05 s, relative to a rad of a finger's
 # joint: of what they are told fingers follow two thirds, wrists a half, sliders 8 % (these in m).
-_UNIT = {"finger": 1.0, "wrist": 0.5, "forearm": 0.5}
+_UNIT = {"finger": 1.0, "wrist": 0.5, "forearm": 0.5, "elbow": tip_unit("elbow")}
+_MIRRORED = ("along", "roll")  # the left hand's move the other way
 
 
 class ActionMap:
@@ -113,7 +115,8 @@ class HandActionMap:
 
     An action has one number in [-1, 1] for each actuator, in the scene's order. An actuator is told
     where it is plus its reach times the number, cut at the ends of its control range. The left hand
-    is a right one in the mirror: its slider along the keyboard moves the other way.
+    is a right one in the mirror: its slider along the keyboard moves the other way, and so does the
+    roll of its forearm.
     """
 
     def __init__(self, scene: PianoScene, reach: float = REACH):
@@ -122,7 +125,8 @@ class HandActionMap:
         Args:
             scene: Where they are.
             reach: How far from where it is an action of 1 sends a finger's joint, rad, above 0; a
-                wrist's joint half as far, a slider half as many metres, since it follows slowly.
+                wrist's joint half as far, a slider half as many metres, since it follows slowly, a
+                forearm's turn 0.15 of it.
 
         Raises:
             ConfigError: If ``reach`` is out of range.
@@ -152,8 +156,7 @@ class HandActionMap:
 def hand_action_unit(scene: PianoScene) -> FloatArray:
     """Return what moves fingertips alike, (n,) rad, or m for sliders; negative in the mirror."""
     unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
-    if "left" not in scene.sides:
-        return unit
-    *_, left = np.flatnonzero(np.array(scene.actuator_role) == "along")
-    unit[left] *= -1
+    for role in _MIRRORED if "left" in scene.sides else ():
+        of_role = np.flatnonzero(np.array(scene.actuator_role) == role)
+        unit[of_role[-1:]] *= -1  # the left hand's, which is the last one, if it has any
     return unit

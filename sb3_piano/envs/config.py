@@ -87,6 +87,11 @@ class PianoEnvConfig:
     reduced_action_space: bool = True
     """Leave out three joints of each Shadow hand, two of the thumb and one of the little finger's
     metacarpal: 39 actions instead of 45; 20 instead of 23 of one hand."""
+    forearm_dofs: Annotated[tuple[str, ...], Listed] | None = None
+    """Joints of each forearm, in the hand's order; by default its sliders along the keyboard and
+    towards the keys' hinges. The Shadow hand has RoboPianist's names: these two, one up, and turns
+    about its own axis, up and to the side (docs/environments.md). The first one must be there; each
+    further one is one more action and one more observed number of each hand."""
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"
@@ -144,7 +149,14 @@ class PianoEnvConfig:
                 f"observation is {self.observation!r}, but no hand is in the scene: expected "
                 "'roll' or 'window'."
             )
-        find_hand(self.hand)  # raises if there is none
+        hand = find_hand(self.hand)  # raises if there is none
+        forearm_dofs = hand.forearm_dofs(self.forearm_dofs)
+        if self.observation == "hands" and forearm_dofs != hand.forearm_dofs():
+            raise ConfigError(
+                f"observation is 'hands' and forearm_dofs {list(forearm_dofs)}: what a hand sees "
+                "there is laid out for forearms that only slide. Expected 'roll', 'window' or "
+                f"'fingers', or forearm_dofs={list(hand.forearm_dofs())}."
+            )
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
 
     @property
@@ -161,8 +173,13 @@ class PianoEnvConfig:
     def simulation(self) -> str:
         """Options that decide how a state of the physics goes on."""
         physics, gravity = self.physics, self.gravity_compensation
-        step = self.control_timestep
-        return f"physics {physics!r}, gravity_compensation {gravity}, control_timestep {step:g}"
+        step, hand = self.control_timestep, find_hand(self.hand)
+        dofs = hand.forearm_dofs(self.forearm_dofs)
+        forearms = "" if dofs == hand.forearm_dofs() else f", forearm_dofs {list(dofs)}"
+        return (
+            f"physics {physics!r}, gravity_compensation {gravity}, control_timestep {step:g}"
+            f"{forearms}"
+        )
 
     @property
     def n_substeps(self) -> int:

@@ -149,6 +149,8 @@ class _Joints(Block):
         side, self._qpos = scene.sides[hand], scene.joint_qpos[hand]
         self.name, self.shape = f"{side}_joints", (len(self._qpos),)
         self.meaning = f"{side} hand's {JOINTS_MEANING}"
+        if (dofs := scene.options["forearm_dofs"]) != scene.hand.forearm_dofs():
+            self.meaning = f"{side} hand's joint positions, wrist to thumb, then {', '.join(dofs)}"
         low, high = scene.joint_range[hand].T
         self.low, self.high = low - JOINT_OVERSHOOT, high + JOINT_OVERSHOOT
 

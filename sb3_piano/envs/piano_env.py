@@ -521,6 +521,7 @@ class PianoEnv(gym.Env[Any, Any]):
             moving_keys=(moving.first, moving.last),
             sides=config.sides,
             hand=config.hand,
+            forearm_dofs=config.forearm_dofs,
         ).copy()
         self.model = self.scene.model
         self._simulation = Simulation(self.scene, config.n_substeps)

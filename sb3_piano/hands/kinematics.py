@@ -14,6 +14,7 @@ import numpy as np
 
 from sb3_piano.arrays import ComplexArray, FloatArray, IntArray
 from sb3_piano.engine import mujoco
+from sb3_piano.hands.forearm import TurnedForearm
 from sb3_piano.hands.spec import HandSpec
 
 _EXACT = 1e-12  # less is rounding, of unit vectors and m
@@ -30,6 +31,8 @@ class _Link:
     """A body with its place in its parent, both numbered within the chain.
 
     Where it has a hinge, its frame is turned so that this is the third axis: turns are cheap then.
+    A body with sliders and hinges, as a forearm may be, is a link for the sliders and one for each
+    hinge.
     """
 
     parent: int
@@ -167,8 +170,23 @@ class HandKinematics:
         return self.names.index(name)
 
     def arm(self, positions: FloatArray) -> FloatArray:
-        """Return where across the keys the forearm is at (s, n) actuator positions, (s,) m."""
-        return self._arm_offset + positions @ self.arm_slope
+        """Return where across the keys the forearm is at (s, n) actuator positions, (s,) m.
+
+        Of one that is turned to the side, it is where it would be if it were straight and came as
+        near to the other one. Turned inwards it comes nearer by its end, but less than the hand.
+        """
+        place = self._arm_offset + positions @ self.arm_slope
+        if self._turned is None:
+            return np.asarray(place)
+        return np.asarray(place + self._turned(positions)[0])
+
+    def arm_slopes(self, positions: FloatArray) -> FloatArray:
+        """Return how that changes with the actuators, (s, n); or (n,) if it is alike everywhere."""
+        if self._turned is None:
+            return self.arm_slope
+        slopes = np.tile(self.arm_slope, (len(positions), 1))
+        slopes[:, self._turned.actuator] = self._turned(positions)[1]
+        return slopes
 
     def slider_for_arm(self, place: FloatArray) -> FloatArray:
         """Return where the slider along the keyboard is when the forearm is at a place, (s,) m."""
@@ -290,18 +308,28 @@ class HandKinematics:
         self.arm_slope = np.zeros(self.size)
         """(n,) how the forearm's place across the keys changes with the actuators."""
         self.arm_slope[along] = axis[1]
+        self._turned = None
+        if "yaw" in self.roles:
+            yaw = self.roles.index("yaw")
+            joint = int(self.joint_ids[int(np.argmax(self.joint_of_actuator[:, yaw]))])
+            self._turned = TurnedForearm.of(scene.model, joint, yaw, self.sign)
 
     def _build_chains(self, model: mujoco.MjModel, geoms: IntArray) -> None:
         """Number the bodies from the hand's root to its fingertips, parents first."""
         tip_bodies = [int(model.geom_bodyid[g]) for g in geoms]
         chains = [_path_from_world(model, body) for body in tip_bodies]
         bodies = sorted({body for chain in chains for body in chain})  # parents have lower ids
-        number = {body: i for i, body in enumerate(bodies)}
         order = {int(j): i for i, j in enumerate(self.joint_ids)}
-        self._links = [_link(model, body, number, order) for body in bodies]
+        self._links: list[_Link] = []
+        number: dict[int, int] = {}  # of a body's last link
+        for body in bodies:
+            parent = number.get(int(model.body_parentid[body]), -1)
+            self._links += _links(model, body, parent, len(self._links), order)
+            number[body] = len(self._links) - 1
         self._link_of_joint = {j: i for i, link in enumerate(self._links) for j in link.joints}
+        joints_of = [int(body) for body in model.jnt_bodyid[self.joint_ids]]
         self._joints_above = [
-            [j for body in chain for j in self._links[number[body]].joints] for chain in chains
+            [j for j in self._link_of_joint if joints_of[j] in chain] for chain in chains
         ]
         self._tip_link = [number[body] for body in tip_bodies]
         self.tip_along = np.array([_far_end(model, int(g)) for g in geoms])
@@ -313,15 +341,28 @@ class HandKinematics:
 
 
 def _turn(model: mujoco.MjModel, body: int) -> FloatArray:
-    """Return the rotation that takes the third axis to a body's hinge, if it has one, (3, 3)."""
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    hinges = model.jnt_type[first : first + count] == int(mujoco.mjtJoint.mjJNT_HINGE)
-    if not hinges.any():
+    """Return how the frame of a body's last link is turned in it, (3, 3)."""
+    return _turns(model, _groups(model, body)[-1])
+
+
+def _turns(model: mujoco.MjModel, joints: tuple[int, ...]) -> FloatArray:
+    """Return the rotation that takes the third axis to the hinge of a link, if it has one."""
+    if not joints or model.jnt_type[joints[-1]] != int(mujoco.mjtJoint.mjJNT_HINGE):
         return np.eye(3)
-    assert count == 1, "the hands' bodies have one hinge, or sliders"
     quaternion = np.empty(4)
-    mujoco.mju_quatZ2Vec(quaternion, model.jnt_axis[first])
+    mujoco.mju_quatZ2Vec(quaternion, model.jnt_axis[joints[-1]])
     return _matrix(quaternion)
+
+
+def _groups(model: mujoco.MjModel, body: int) -> list[tuple[int, ...]]:
+    """Return the joints of each link of a body: its sliders, then each of its hinges."""
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    joints = range(first, first + count)
+    hinges = [j for j in joints if model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_HINGE)]
+    sliders = tuple(j for j in joints if j not in hinges)
+    assert max(sliders, default=-1) < min(hinges, default=model.njnt), "sliders come first"
+    first_ones = [sliders] if sliders or not hinges else []
+    return first_ones + [(j,) for j in hinges]
 
 
 def _ways(offset: FloatArray) -> _Ways:
@@ -347,18 +388,28 @@ def _path_from_world(model: mujoco.MjModel, body: int) -> list[int]:
     return path[::-1]
 
 
-def _link(model: mujoco.MjModel, body: int, number: dict[int, int], order: dict[int, int]) -> _Link:
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    parent = int(model.body_parentid[body])
-    turned = _turn(model, parent).T
-    rotation = turned @ _matrix(model.body_quat[body]) @ _turn(model, body)
-    return _Link(
-        parent=number.get(parent, -1),
-        offset=_ways(turned @ model.body_pos[body]),
-        rotation=rotation,
-        is_aligned=np.allclose(rotation, np.eye(3), atol=_EXACT),
-        joints=tuple(order[joint] for joint in range(first, first + count)),
-    )
+def _links(
+    model: mujoco.MjModel, body: int, parent: int, number: int, order: dict[int, int]
+) -> list[_Link]:
+    """Return the links of a body, which are numbered from some number on."""
+    turned = _turn(model, int(model.body_parentid[body])).T
+    place, frame = model.body_pos[body], _matrix(model.body_quat[body])
+    links = []
+    for joints in _groups(model, body):
+        turns = _turns(model, joints)
+        rotation = turned @ frame @ turns
+        links.append(
+            _Link(
+                parent=parent,
+                offset=_ways(turned @ place),
+                rotation=rotation,
+                is_aligned=np.allclose(rotation, np.eye(3), atol=_EXACT),
+                joints=tuple(order[joint] for joint in joints),
+            )
+        )
+        # The next one begins where this one is.
+        turned, place, frame, parent = turns.T, np.zeros(3), np.eye(3), number + len(links) - 1
+    return links
 
 
 def _far_end(model: mujoco.MjModel, geom: int) -> float:

@@ -18,7 +18,8 @@ def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
     """Return the specification of a left hand that has no file: the right one's in a mirror.
 
     The links' frames are mirrored along :attr:`HandSpec.mirror`. Positive angles bend what they
-    bend on the right; the slider along the keyboard still moves to the right.
+    bend on the right; the slider along the keyboard still moves to the right, and a forearm still
+    rolls as the right one does, as with RoboPianist's hands.
 
     Raises:
         ValueError: If MuJoCo cannot read the file, or it is not written so that it can be mirrored.
@@ -39,16 +40,16 @@ def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
         element.fromto[[axis, 3 + axis]] *= -1
     for mesh in spec.meshes:
         mesh.scale = _mirrored(mesh.scale, axis)
-    along = hand.forearm.joints["along"]
+    along, roll = hand.forearm.joints["along"], hand.forearm.joints.get("roll")
     for joint in spec.joints:
         slides = joint.type == mujoco.mjtJoint.mjJNT_SLIDE
         # What turns to the right turns to the left in a mirror.
         joint.axis = _mirrored(joint.axis, axis) * (1 if slides else -1)
         joint.pos = _mirrored(joint.pos, axis)
-        if hand.short(joint.name) == along:
+        if hand.short(joint.name) in (along, roll):
             joint.axis, joint.range = -joint.axis, -joint.range[::-1]
     for actuator in spec.actuators:
-        if hand.short(actuator.target) == along:
+        if hand.short(actuator.target) in (along, roll):
             actuator.ctrlrange = -actuator.ctrlrange[::-1]
     return spec
 

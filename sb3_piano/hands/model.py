@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable, Sequence
 from typing import Any
 
 from sb3_piano.engine import mujoco
@@ -20,6 +20,7 @@ def build_hand(
     side: Side,
     *,
     reduced_action_space: bool,
+    forearm_dofs: Sequence[str],
     gravity_compensation: bool,
     coupled_friction_only: bool = False,
     playing_contacts_only: bool = False,
@@ -31,6 +32,7 @@ def build_hand(
         hand: The hand.
         side: ``"right"`` or ``"left"``.
         reduced_action_space: Remove joints and narrow others as the hand says.
+        forearm_dofs: The forearm's joints; others are removed.
         gravity_compensation: Let a force balance the weight of every body of the hand.
         coupled_friction_only: Let only coupled joints have dry friction, see
             :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
@@ -43,6 +45,7 @@ def build_hand(
     """
     spec = _read(hand, side)
     _check(spec, hand, side)
+    _remove(spec, hand, set(hand.forearm.joints.values()) - set(forearm_dofs))
     if reduced_action_space:
         _reduce(spec, hand)
     for body in spec.bodies[1:]:
@@ -95,8 +98,8 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
     for body in spec.bodies[1:]:
         if not _is_simple(body):
             raise ConfigError(
-                f"The joints of {body.name!r} of '{spec.modelname}' do not fit: expected sliders "
-                "or one hinge, at the body's origin."
+                f"The joints of {body.name!r} of '{spec.modelname}' do not fit: expected sliders, "
+                "then hinges, at the body's origin."
             )
         if hand.short(body.name) in hand.tips and not _is_fingertip(body):
             raise ConfigError(
@@ -106,11 +109,11 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
 
 
 def _is_simple(body: mujoco.MjsBody) -> bool:
-    """Return whether a body has sliders or one hinge, where its frame is."""
-    joints = list(body.joints)
-    slides = all(joint.type == mujoco.mjtJoint.mjJNT_SLIDE for joint in joints)
-    hinge = [joint.type for joint in joints] == [mujoco.mjtJoint.mjJNT_HINGE]
-    return (slides or hinge) and not any(joint.pos.any() for joint in joints)
+    """Return whether a body has sliders, then hinges, where its frame is."""
+    kinds = [mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE]
+    order = [kinds.index(j.type) if j.type in kinds else -1 for j in body.joints]
+    is_ordered = order == sorted(order) and -1 not in order
+    return is_ordered and not any(joint.pos.any() for joint in body.joints)
 
 
 def _is_fingertip(body: mujoco.MjsBody) -> bool:
@@ -122,14 +125,21 @@ def _is_fingertip(body: mujoco.MjsBody) -> bool:
 def _reduce(spec: mujoco.MjSpec, hand: HandSpec) -> None:
     """Remove joints and their actuators, and narrow the range of others."""
     reduced = hand.reduced_action_space
+    _remove(spec, hand, reduced.removed)
     for elements, name_of in ((spec.actuators, "target"), (spec.joints, "name")):
-        for element in list(elements):
+        for element in elements:
             name = hand.short(getattr(element, name_of))
-            if name in reduced.removed:
-                spec.delete(element)
-            elif name in reduced.ranges:
+            if name in reduced.ranges:
                 limits = "ctrlrange" if name_of == "target" else "range"
                 setattr(element, limits, reduced.ranges[name])
+
+
+def _remove(spec: mujoco.MjSpec, hand: HandSpec, joints: Container[str]) -> None:
+    """Remove joints and their actuators."""
+    for elements, name_of in ((spec.actuators, "target"), (spec.joints, "name")):
+        for element in list(elements):
+            if hand.short(getattr(element, name_of)) in joints:
+                spec.delete(element)
 
 
 def _drop_friction(spec: mujoco.MjSpec, hand: HandSpec) -> None:

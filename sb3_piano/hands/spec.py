@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -19,7 +19,15 @@ from annotated_types import Len
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.exceptions import ConfigError, near_names, one_line
-from sb3_piano.settings import Listed, Nested, NotNegative, Number, Positive, settings
+from sb3_piano.settings import (
+    Listed,
+    Nested,
+    NotNegative,
+    Number,
+    Positive,
+    refuse_unknown,
+    settings,
+)
 
 T = TypeVar("T")
 
@@ -33,10 +41,14 @@ _FINGERS = ("thumb", "index", "middle", "ring", "little")
 
 Side = Literal["right", "left"]
 FingerName = Literal["thumb", "index", "middle", "ring", "little"]
-ForearmRole = Literal["along", "across"]
-Role = Literal["along", "across", "wrist", "abduction", "finger"]
-"""What a joint is for: to slide along the keyboard or across it (towards the keys' hinges), to bend
-the wrist, to spread fingers, or to bend them."""
+ForearmRole = Literal["along", "across", "up", "roll", "pitch", "yaw"]
+Role = Literal["along", "across", "up", "roll", "pitch", "yaw", "wrist", "abduction", "finger"]
+"""What a joint is for: to slide along the keyboard, across it (towards the keys' hinges) or up, to
+turn the forearm about its own axis, up or to the side, to bend the wrist, to spread fingers, or to
+bend them."""
+
+DEFAULT_FOREARM: tuple[ForearmRole, ...] = ("along", "across")
+"""Joints of a forearm that are there unless one says otherwise."""
 
 Names = Annotated[tuple[str, ...], Listed]
 Three = Annotated[tuple[Number, Number, Number], Listed]
@@ -61,7 +73,8 @@ class Forearm:
     body: str
     """Its link, the root of the model."""
     joints: Mapping[ForearmRole, str]
-    """Its sliders by role: ``along`` the keyboard, and ``across`` it, if the hand has that."""
+    """Its joints by role, in the order of the model: the slider ``along`` the keyboard, and those
+    of ``across``, ``up``, ``roll``, ``pitch`` and ``yaw`` that the hand has."""
     apart: Positive
     """Least distance of the two forearms, m."""
     capsule: Nested[Capsule] | None = None
@@ -185,6 +198,25 @@ class HandSpec:
     def farthest(self) -> FloatArray:
         """(f, f) :attr:`Reach.farthest`, m."""
         return _read_only(self.reach.farthest)
+
+    def forearm_dofs(self, names: Sequence[str] | None = None) -> tuple[str, ...]:
+        """Return names of the forearm's joints, by default those of ``DEFAULT_FOREARM``.
+
+        Raises:
+            ConfigError: If one is unknown, twice there or not in its place, or the slider along the
+                keyboard is missing.
+        """
+        joints = self.forearm.joints
+        if names is None:
+            return tuple(name for role, name in joints.items() if role in DEFAULT_FOREARM)
+        refuse_unknown(names, joints.values(), "joint", "forearm_dofs")
+        expected = [name for name in joints.values() if name in {*names, joints["along"]}]
+        if list(names) != expected:
+            raise ConfigError(
+                f"forearm_dofs is {list(names)}: expected {expected}, each joint once, in the "
+                f"hand's order, and {joints['along']!r}, without which it stays where it is."
+            )
+        return tuple(names)
 
     def short(self, name: str) -> str:
         """Return a name of a compiled or a lone model as ``hand.yml`` has it."""

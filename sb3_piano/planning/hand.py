@@ -17,11 +17,15 @@ from sb3_piano.planning.tracking_control import HandDynamics
 from sb3_piano.reading.keyboard import WHITE_X, KeyPlaces
 from sb3_piano.simulation import PianoScene
 
+# What the search holds: elbows are out, so that hands have room beside each other; rad, or m.
+_HELD = {"yaw": -0.1, "roll": 0.0, "pitch": 0.0, "up": 0.0}
 _TRIALS = 2
 
 _PULL = 0.01  # weight of a finger's distance from the resting posture, per rad
 # How firmly actuators are held, in multiples of that: the arm goes where it must.
 _FIRMNESS = {"along": 0.01, "across": 2.0, "wrist": 2.0, "abduction": 1.5, "finger": 1.0}
+# A forearm that turns with every note is played worse than one that gives way to the other alone.
+_FIRMNESS |= dict.fromkeys(("up", "roll", "pitch", "yaw"), 1000.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,18 +71,19 @@ def _sought(pickled_kinematics: bytes, top: float) -> FloatArray:
     along[THUMB] = WHITE_X[0]
     target = np.stack([along, across, np.full(count, top + rest.height)], axis=1)
     start = np.array([rest.posture.get(name, 0.0) for name in kinematics.names])
+    is_held = np.isin(kinematics.roles, list(_HELD))
+    start[is_held] = [_HELD[role] for role in kinematics.roles if role in _HELD]
+    held = np.where(is_held, 10.0, 0.01)
     low, high = kinematics.low, kinematics.high
     rng = np.random.default_rng(0)
 
     def residuals(positions: FloatArray) -> FloatArray:
         off = kinematics.fingertips(positions[None])[0] - target
-        return np.concatenate([10 * off.ravel(), 0.01 * (positions - start)])
+        return np.concatenate([10 * off.ravel(), held * (positions - start)])
 
     def slopes(positions: FloatArray) -> FloatArray:
         _, jacobian = kinematics.fingertips_and_jacobian(positions[None])
-        return np.concatenate(
-            [10 * jacobian[0].reshape(target.size, -1), 0.01 * np.eye(len(start))]
-        )
+        return np.concatenate([10 * jacobian[0].reshape(target.size, -1), np.diag(held)])
 
     solutions = []
     for trial in range(_TRIALS):

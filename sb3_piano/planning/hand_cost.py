@@ -58,7 +58,7 @@ class HandCost:
         """Return the Gauss-Newton model of half the cost: (s, n, n) Hessians, (s, n) gradients."""
         tips, jacobian = self.kinematics.fingertips_and_jacobian(positions)
         values = self._values(positions, tips)
-        slopes = self._slopes(tips, jacobian, values)
+        slopes = self._slopes(positions, tips, jacobian, values)
         transposed = slopes.transpose(0, 2, 1)
         return transposed @ slopes, (transposed @ values[..., None])[..., 0]
 
@@ -74,7 +74,9 @@ class HandCost:
         values[:, -1] = _ARMS_WEIGHT * self.bound_violation(positions)
         return values
 
-    def _slopes(self, tips: FloatArray, jacobian: FloatArray, values: FloatArray) -> FloatArray:
+    def _slopes(
+        self, positions: FloatArray, tips: FloatArray, jacobian: FloatArray, values: FloatArray
+    ) -> FloatArray:
         """Return the residuals' derivatives, (s, 6 f, n)."""
         count, size = len(tips), jacobian.shape[-1]
         slopes = np.empty((count, self._count, size))
@@ -90,7 +92,7 @@ class HandCost:
         apart = self.sign * np.diff(jacobian[:, :, _Y], axis=1)
         slopes[:, self._spacing] = -_SPACING_WEIGHT * active * apart
         active = (values[:, -1] > 0)[:, None]
-        slopes[:, -1] = -_ARMS_WEIGHT * self.sign * active * self.kinematics.arm_slope
+        slopes[:, -1] = -_ARMS_WEIGHT * self.sign * active * self.kinematics.arm_slopes(positions)
         return slopes
 
     def _too_close(self, tips: FloatArray) -> FloatArray:

@@ -29,6 +29,7 @@ _SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
 _VELOCITY = 0.002  # weight of a velocity, per rad or m and control step
 _JERK_FINGER = 0.02  # weight of a change of a velocity, per rad or m and squared control step
 _JERK = {"wrist": 0.04, "along": 0.24, "across": 0.4}  # the same by role
+_JERK |= dict.fromkeys(("up", "roll", "pitch", "yaw"), 10.0)
 
 
 class HandProblem:

@@ -18,7 +18,7 @@ from sb3_piano.arrays import Arrays
 from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.files import write_atomically
-from sb3_piano.hands import DEFAULT_HAND
+from sb3_piano.hands import DEFAULT_HAND, find_hand
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.hand_plan import HandPlan, HandTask
 from sb3_piano.planning.plan import HandTasks, Plan
@@ -154,8 +154,9 @@ def _check(header: Mapping[str, Any], roll: PianoRoll, scene: PianoScene) -> Non
             "what is played here. 'sb3-piano plan PIECE --refine MINUTES' makes one."
         )
     here = _described(scene)
-    # Files of earlier versions do not name the hand.
-    made = {"hand": DEFAULT_HAND, **header["scene"]}
+    # Files of earlier versions do not name the hand, nor the joints of its forearms.
+    default = {"hand": DEFAULT_HAND, "forearm_dofs": list(find_hand().forearm_dofs())}
+    made = {**default, **header["scene"]}
     other = [n for n in here if made.get(n) != here[n]]
     if other:
         told = ", ".join(f"{n} {made.get(n)!r}, here {here[n]!r}" for n in other)

@@ -134,7 +134,7 @@ class TrackingControl:
         self._cost, self._dynamics, self._plan, self._start = cost, dynamics, plan, start
         self._drift = (forces + dynamics.weight) @ dynamics.force.T  # (t, 2 n)
         size = plan.shape[1]
-        arm = np.isin(cost.kinematics.roles, ("along", "across"))
+        arm = np.isin(cost.kinematics.roles, ("along", "across", "up"))
         self._faith = np.where(arm, _FAITH_ARM, _FAITH)
         self._speed = np.where(arm, _SPEED_ARM, _SPEED)
         self._effort = np.where(arm, _EFFORT_ARM, _EFFORT)

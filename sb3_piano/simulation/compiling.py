@@ -39,6 +39,7 @@ def compile_scene(
     moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
     sides: tuple[Hand, ...] = SIDES,
     hand: str = DEFAULT_HAND,
+    forearm_dofs: tuple[str, ...] | None = None,
 ) -> PianoScene:
     """Build and compile the scene; equal arguments return the same object (``copy`` it to change).
 
@@ -51,9 +52,11 @@ def compile_scene(
         sides: Hands that are there, the right one first. Where there is none, each key has an
             actuator.
         hand: Name of a hand, or the path of its folder.
+        forearm_dofs: Joints of each forearm; by default its sliders along and across the keyboard.
 
     Raises:
-        ConfigError: If the physics profile or the hand is unknown, or there are no such keys.
+        ConfigError: If the physics profile or the hand is unknown, or there are no such keys or
+            joints.
     """
     options: dict[str, Any] = {
         "reduced_action_space": reduced_action_space,
@@ -62,6 +65,7 @@ def compile_scene(
         "moving_keys": moving_keys,
         "sides": sides,
         "hand": find_hand(hand).source,
+        "forearm_dofs": find_hand(hand).forearm_dofs(forearm_dofs),
     }
     return assemble_scene(scene_parts(**options), options)
 
@@ -97,6 +101,7 @@ def scene_parts(
     moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
     sides: tuple[Hand, ...] = SIDES,
     hand: str = DEFAULT_HAND,
+    forearm_dofs: tuple[str, ...] | None = None,
 ) -> list[mujoco.MjSpec]:
     """Return the specifications of the scene: the world, then the keyboard, then the hands.
 
@@ -128,6 +133,7 @@ def scene_parts(
             side,
             reduced_action_space=reduced_action_space,
             gravity_compensation=gravity_compensation and not weightless,
+            forearm_dofs=find_hand(hand).forearm_dofs(forearm_dofs),
             coupled_friction_only=profile.coupled_friction_only,
             playing_contacts_only=profile.playing_contacts_only,
             capsule_forearm=profile.capsule_forearms,
@@ -208,7 +214,7 @@ def _index_scene(
     forearms = [body[hand.forearm.body] for body in bodies]
     forearm_geoms = [np.flatnonzero(model.geom_bodyid == body).tolist() for body in forearms]
     of_hands = [_of_hand(model, "joint", prefix, hand) for prefix in prefixes]
-    hand_joints = tuple(_sliders_last(joints, hand) for joints in of_hands)
+    hand_joints = tuple(_forearm_last(joints, hand) for joints in of_hands)
     sliders = [joints[hand.forearm.joints["along"]] for joints in of_hands]
     return PianoScene(
         model=model,
@@ -254,11 +260,11 @@ def _of_hand(model: mujoco.MjModel, kind: str, prefix: str, hand: HandSpec) -> d
     return {hand.short(n): index for index, n in enumerate(names) if n.startswith(prefix)}
 
 
-def _sliders_last(joints: Mapping[str, int], hand: HandSpec) -> IntArray:
+def _forearm_last(joints: Mapping[str, int], hand: HandSpec) -> IntArray:
     """Return a hand's joints in the order of RoboPianist's observation."""
-    sliders = hand.forearm.joints.values()
-    others = [joint for name, joint in joints.items() if name not in sliders]
-    return np.array([*others, *(joints[name] for name in sliders)])
+    forearm = [name for name in hand.forearm.joints.values() if name in joints]
+    others = [joint for name, joint in joints.items() if name not in forearm]
+    return np.array([*others, *(joints[name] for name in forearm)])
 
 
 def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> FloatArray:
@@ -275,8 +281,12 @@ def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> Fl
 def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
     """Return how far apart along the keyboard the first shapes are, at most, where forearms touch.
 
-    Forearms slide but never turn, so that what their shapes cover moves with each of them.
+    What the shapes of forearms cover moves with each of them where they slide; where they turn,
+    it stays within spheres.
     """
+    bodies = [model.geom_bodyid[shapes[0]] for shapes in geoms]
+    if (model.jnt_type[np.isin(model.jnt_bodyid, bodies)] != mujoco.mjtJoint.mjJNT_SLIDE).any():
+        return sum(_farthest(model, shapes) for shapes in geoms)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     row = data.geom_xmat[:, 3:6]  # world y in the frame of each shape
@@ -285,3 +295,9 @@ def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
     low = [(middle - half)[shapes].min() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
     high = [(middle + half)[shapes].max() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
     return float(max(high[0] - low[1], high[1] - low[0]))
+
+
+def _farthest(model: mujoco.MjModel, shapes: list[int]) -> float:
+    """Return how far from the first of a body's shapes the others reach, whichever way, m."""
+    away = np.linalg.norm(model.geom_pos[shapes] - model.geom_pos[shapes[0]], axis=1)
+    return float((away + model.geom_rbound[shapes] + model.geom_margin[shapes]).max()) + _CLEARANCE

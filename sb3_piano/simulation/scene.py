@@ -32,6 +32,9 @@ TIP_TRAVEL = 0.06
 """Way of a fingertip when a finger's joint turns by a rad, about, m, and so what a forearm's slider
 has to move to matter as much."""
 
+FOREARM_TRAVEL = 0.4
+"""The same when its forearm turns."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PianoScene:
@@ -67,7 +70,7 @@ class PianoScene:
     fingertip_geom: IntArray
     """(5 h,) geoms of the last finger links, in the order of ``fingers``."""
     joints: tuple[IntArray, ...]
-    """Joints of each hand, wrist to thumb, sliders last."""
+    """Joints of each hand, wrist to thumb, those of the forearm last."""
     actuator_of_joint: FloatArray
     """(nu, m) which actuator moves by how much with which joint, all hands' joints in the order of
     ``joint_qpos``: where the actuators are is this times where the joints are."""
@@ -121,9 +124,12 @@ class PianoScene:
 
     @functools.cached_property
     def actuator_kind(self) -> npt.NDArray[np.str_]:
-        """(nu,) what each actuator moves: ``"finger"``, ``"wrist"`` or ``"forearm"`` (a slider)."""
-        kinds = {"along": "forearm", "across": "forearm", "wrist": "wrist"}
-        return np.array([kinds.get(role, "finger") for role in self.actuator_role])
+        """(nu,) what each actuator moves.
+
+        It is a ``"finger"``, a ``"wrist"``, a ``"forearm"`` (by a slider) or an ``"elbow"`` (by a
+        hinge of the forearm).
+        """
+        return np.array([kind_of(role) for role in self.actuator_role])
 
     @functools.cached_property
     def actuator_role(self) -> tuple[str, ...]:
@@ -206,3 +212,17 @@ class PianoScene:
     def copy(self) -> PianoScene:
         """Return the same scene with a model of its own, which may then be modified."""
         return dataclasses.replace(self, model=copy.copy(self.model))
+
+
+_KINDS = {"along": "forearm", "across": "forearm", "up": "forearm", "wrist": "wrist"}
+_KINDS |= dict.fromkeys(("roll", "pitch", "yaw"), "elbow")
+
+
+def kind_of(role: str) -> str:
+    """Return what a joint of a role moves, as ``PianoScene.actuator_kind`` has it."""
+    return _KINDS.get(role, "finger")
+
+
+def tip_unit(kind: str) -> float:
+    """Return what moves a fingertip as far as a rad of a finger or a wrist, about; rad or m."""
+    return {"forearm": TIP_TRAVEL, "elbow": TIP_TRAVEL / FOREARM_TRAVEL}.get(kind, 1.0)

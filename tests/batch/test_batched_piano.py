@@ -122,6 +122,10 @@ def test_without_fingers_any_may_play():
     assert_equal_episodes(fingering="optimal-transport", forearm_reward=False)
 
 
+def test_forearms_that_turn_are_told_to_touch_alike():
+    assert_equal_episodes(forearm_dofs=["forearm_tx", "forearm_yaw"])
+
+
 def test_a_wrong_key_ends_an_episode_early():
     assert_equal_episodes(wrong_press_termination=True)
 

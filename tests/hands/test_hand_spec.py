@@ -100,7 +100,7 @@ def test_each_side_s_model_has_a_name_of_its_own(own_hand):
 
 def test_joints_that_kinematics_does_not_know_are_refused(own_hand):
     change(own_hand / "right.xml", '<joint name="rh_WRJ1"', '<joint name="rh_WRJ1" pos="0 0 0.01"')
-    with pytest.raises(ConfigError, match="joints of 'rh_palm'.*one hinge, at the body's origin"):
+    with pytest.raises(ConfigError, match="joints of 'rh_palm'.*then hinges, at the body's origin"):
         compile_scene(hand=str(own_hand))
 
 

@@ -9,11 +9,15 @@ import pytest
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hands import find_hand
 from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.simulation import compile_scene
 
 SHADOW = Path(sb3_piano.__file__).parent / "hands" / "shadow"
 MIRROR = np.array([1.0, -1.0, 1.0])
+FOREARMS = pytest.mark.parametrize(
+    "dofs", [None, tuple(find_hand().forearm.joints.values())], ids=["sliders", "all"]
+)
 
 
 @pytest.fixture
@@ -24,20 +28,24 @@ def one_file(tmp_path):
     return folder
 
 
-def test_its_fingertips_are_those_of_the_right_hand_in_the_mirror(one_file):
-    scene = compile_scene(hand=str(one_file))
+@FOREARMS
+def test_its_fingertips_are_those_of_the_right_hand_in_the_mirror(one_file, dofs):
+    scene = compile_scene(hand=str(one_file), forearm_dofs=dofs)
     right, left = HandKinematics(scene, 0), HandKinematics(scene, 1)
     positions = np.random.default_rng(0).uniform(right.low, right.high, (20, right.size))
     mirrored = positions.copy()
-    mirrored[:, left.along] *= -1  # it still slides to the right
+    # It still slides to the right, and rolls as the right one does.
+    mirrored[:, np.isin(left.roles, ("along", "roll"))] *= -1
     tips = right.fingertips(positions) * MIRROR
     np.testing.assert_allclose(left.fingertips(mirrored), tips, atol=1e-12)
     np.testing.assert_array_equal(left.high[left.along], -right.low[right.along])
 
 
-def test_it_moves_and_touches_as_the_left_hand_with_a_file_of_its_own_does(one_file):
+@FOREARMS
+def test_it_moves_and_touches_as_the_left_hand_with_a_file_of_its_own_does(one_file, dofs):
     """The left Shadow hand has a file, of which a box of the palm alone is not a mirror image."""
-    shipped, mirrored = compile_scene(), compile_scene(hand=str(one_file))
+    shipped = compile_scene(forearm_dofs=dofs)
+    mirrored = compile_scene(hand=str(one_file), forearm_dofs=dofs)
     controls = np.random.default_rng(1).uniform(shipped.ctrl_low, shipped.ctrl_high)
     ends = []
     for scene in (shipped, mirrored):

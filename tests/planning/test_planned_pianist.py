@@ -10,6 +10,7 @@ from short_pieces import QUICK, both_hands, five_fingers, piano
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
 
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hands import find_hand
 from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.music.fingering import without_fingers
 from sb3_piano.players import planned as pianist
@@ -63,6 +64,7 @@ def test_it_plays_a_piece_well_with_actions_of_the_space_and_resting_hands_do_no
         {"reduced_action_space": True, "physics": "reference"},
         {"reduced_action_space": True, "gravity_compensation": False},
         {"observation": "fingers", "n_steps_lookahead": 3},
+        {"forearm_dofs": [*find_hand().forearm.joints.values()]},
         {},
     ],
     ids=str,

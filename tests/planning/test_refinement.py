@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -170,9 +171,15 @@ def test_whoever_stops_it_keeps_the_best(made, env):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "options", [{"hands_in_scene": "right"}, {"reduced_action_space": True}], ids=str
+    "options",
+    [
+        {"hands_in_scene": "right"},
+        {"reduced_action_space": True},
+        {"forearm_dofs": ["forearm_tx", "forearm_ty", "forearm_yaw"]},
+    ],
+    ids=str,
 )
-def test_one_hand_and_fewer_joints_are_refined_too(options):
+def test_one_hand_fewer_joints_and_forearms_that_turn_are_refined_too(options):
     env = stage(**options)
     with refinement(planned(env), env) as searching:
         before = searching.f1
@@ -192,13 +199,27 @@ def test_one_hand_and_fewer_joints_are_refined_too(options):
         (OTHER, {}, "is of another piece"),
         (SCORE, {"physics": "reference"}, "physics 'fast', here 'reference'"),
         (SCORE, {"reduced_action_space": True}, "reduced_action_space False, here True"),
+        (SCORE, {"forearm_dofs": ["forearm_tx"]}, r"forearm_ty'\], here \['forearm_tx'\]"),
     ],
-    ids=["piece", "physics", "joints"],
+    ids=["piece", "physics", "joints", "forearms"],
 )
 def test_a_plan_for_something_else_is_refused(file, score, options, message):
     env = stage(score, **options)
     with pytest.raises(ConfigError, match=message):
         PlannedPianist(env, plan=file).predict(env.reset()[0])
+
+
+def test_a_file_that_does_not_name_the_joints_of_forearms_has_the_default_ones(file, env, tmp_path):
+    with np.load(file) as arrays:
+        content = dict(arrays)
+    header = json.loads(content["header"].tobytes())
+    del header["scene"]["forearm_dofs"], header["scene"]["hand"]
+    content["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    np.savez(tmp_path / "older.npz", **content)
+    kept = load_plan(tmp_path / "older.npz", env.goal.fingered_roll, env.scene)
+    np.testing.assert_array_equal(
+        kept.commands, load_plan(file, env.goal.fingered_roll, env.scene).commands
+    )
 
 
 def test_what_is_no_plan_is_refused(tmp_path, env):

@@ -10,6 +10,7 @@ from annotated_types import Gt, Le
 from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.settings import Count, NotNegative, Number, Share, settings
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.scene import FOREARM_TRAVEL
 
 
 @settings
@@ -32,7 +33,7 @@ class SamplingNoise:
     wrist: NotNegative = 0.04
     """That of the wrists' actuators, rad."""
     forearm: NotNegative = 0.008
-    """That of the sliders on which the forearms stand, m."""
+    """That of the sliders on which the forearms stand, m; for each rad of their turns 0.4 m."""
     decay: Share = 0.9
     """Share of the last control step's best change that is kept for the next one, in [0, 1]."""
 
@@ -48,6 +49,7 @@ class Candidates:
         """Choose the standard deviation of each actuator, over one control step or more."""
         self._noise = noise
         of_kind = {"finger": noise.finger, "wrist": noise.wrist, "forearm": noise.forearm}
+        of_kind["elbow"] = noise.forearm / FOREARM_TRAVEL  # as far as the slider takes a fingertip
         self.deviation = np.array([of_kind[str(kind)] for kind in scene.actuator_kind])
         """(nu,) standard deviation of each actuator's noise at a knot, rad or m."""
         n_knots = min(noise.knots, horizon)

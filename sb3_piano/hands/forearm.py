@@ -1,0 +1,79 @@
+"""A forearm that turns to the side: how near it comes to the other one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sb3_piano.arrays import FloatArray
+from sb3_piano.engine import mujoco
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedForearm:
+    """A forearm that turns about an upright axis through its elbow.
+
+    Turned inwards its end comes nearer to the other forearm, but by less than half of what the
+    fingertips do: hands may be nearer to each other than their forearms are thick.
+    """
+
+    actuator: int
+    """That of the turn among those of the hand."""
+    axis: float
+    """1 if the axis points up, -1 if down."""
+    sign: int
+    """1 for the right hand, -1 for the left one."""
+    points: FloatArray
+    """(2, k) corners of its shapes, along and across the keys from its elbow, m."""
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, joint: int, actuator: int, sign: int) -> TurnedForearm:
+        """Take the forearm that a joint turns."""
+        body = model.jnt_bodyid[joint]
+        frame = _matrix(model.body_quat[body])
+        shapes = np.flatnonzero(model.geom_bodyid == body)
+        corners = np.concatenate([_corners(model, int(shape)) for shape in shapes])
+        return cls(
+            actuator=actuator,
+            axis=float(frame[2] @ model.jnt_axis[joint]),
+            sign=sign,
+            points=(corners @ frame.T)[:, :2].T.copy(),
+        )
+
+    def __call__(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how much further across the keys its inner side is than when it is straight.
+
+        Args:
+            positions: (s, n) actuator positions of the hand.
+
+        Returns:
+            (s,) m; (s,) the slope by the turn, m per rad.
+        """
+        along, across = self.points
+        angle = self.axis * positions[:, self.actuator, None]
+        sine, cosine = np.sin(angle), np.cos(angle)
+        place = sine * along + cosine * across  # (s, k)
+        inner = (self.sign * place).argmin(axis=1)
+        rows = np.arange(len(place))
+        straight = self.sign * (self.sign * across).min()
+        slope = self.axis * (cosine[:, 0] * along[inner] - sine[:, 0] * across[inner])
+        return place[rows, inner] - straight, slope
+
+
+def _corners(model: mujoco.MjModel, shape: int) -> FloatArray:
+    """Return the corners of a shape, or of the box around it, in its body's frame, (k, 3) m."""
+    if model.geom_type[shape] == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = model.geom_dataid[shape]
+        first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        corners = model.mesh_vert[first : first + count].astype(float)
+    else:
+        signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+        corners = model.geom_aabb[shape, :3] + signs * model.geom_aabb[shape, 3:]
+    return np.asarray(corners @ _matrix(model.geom_quat[shape]).T + model.geom_pos[shape])
+
+
+def _matrix(quaternion: FloatArray) -> FloatArray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)

@@ -1,0 +1,66 @@
+"""How near forearms that turn come to each other: against MuJoCo's shapes and contacts."""
+
+import numpy as np
+import pytest
+from hand_parts import data_at, hand_of, random_positions, scene_of
+
+from sb3_piano.hands import find_hand
+
+FOREARM_DOFS = tuple(find_hand().forearm.joints.values())
+
+TURNING = ("forearm_tx", "forearm_ty", "forearm_yaw")
+BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
+
+
+def inner_side(scene, data, hand):
+    """Return how far inside, towards the other forearm, a forearm's hull reaches, m."""
+    model, (hull, *_) = scene.model, scene.forearm_geoms[hand]
+    mesh = model.geom_dataid[hull]
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    corners = model.mesh_vert[first : first + count] @ data.geom_xmat[hull].reshape(3, 3).T
+    across = corners[:, 1] + data.geom_xpos[hull, 1]
+    return across.min() if hand == 0 else across.max()
+
+
+@BOTH_HANDS
+@pytest.mark.parametrize("dofs", [TURNING, FOREARM_DOFS], ids=["yaw", "all"])
+def test_a_turned_arm_is_where_a_straight_one_would_reach_as_far_inwards(hand, dofs):
+    scene = scene_of(full=False, forearm_dofs=dofs)
+    kinematics = hand_of(scene, hand)
+    thickness = abs(inner_side(scene, data_at(scene), hand) - kinematics.middle)
+    positions = random_positions(kinematics, 20)
+    for place, one in zip(kinematics.arm(positions), positions, strict=True):
+        both = (one,) if hand == 0 else (np.zeros_like(one), one)
+        inner = inner_side(scene, data_at(scene, *both), hand)
+        # One that is pitched up and rolled leans to the side by up to 7 mm.
+        exact = 1e-7 if dofs == TURNING else 8e-3
+        assert place == pytest.approx(inner + kinematics.sign * thickness, abs=exact)
+
+
+@BOTH_HANDS
+def test_the_slopes_of_a_turned_arm_are_those_of_its_place(hand):
+    kinematics = hand_of(scene_of(full=False, forearm_dofs=TURNING), hand)
+    positions = random_positions(kinematics, 10)
+    slopes = kinematics.arm_slopes(positions)
+    for actuator in range(kinematics.size):
+        step = np.zeros(kinematics.size)
+        step[actuator] = 1e-6
+        ahead, behind = kinematics.arm(positions + step), kinematics.arm(positions - step)
+        np.testing.assert_allclose(slopes[:, actuator], (ahead - behind) / 2e-6, atol=1e-6)
+
+
+def test_arms_on_their_sides_of_a_line_do_not_touch_and_hands_come_nearer_than_arms_are_thick():
+    scene = scene_of(full=False, forearm_dofs=TURNING)
+    right, left = hand_of(scene, 0), hand_of(scene, 1)
+    random, nearest = np.random.default_rng(1), np.inf
+    yaw, along = right.index("forearm_yaw"), right.index("forearm_tx")
+    for _ in range(200):
+        here, there = np.zeros((1, right.size)), np.zeros((1, left.size))
+        here[0, yaw], there[0, yaw] = random.uniform(right.low[yaw], right.high[yaw], 2)
+        for hand, one, place in ((right, here, 0.076), (left, there, -0.076)):
+            one[0, along] += (place - hand.arm(one)[0]) / hand.arm_slope[along]
+        data = data_at(scene, here[0], there[0])
+        assert not scene.forearms_touch(data)
+        tips = data.site_xpos[scene.fingertip_site, 1]
+        nearest = min(nearest, abs(tips[2] - tips[7]))
+    assert nearest < 0.1 < 2 * 0.076

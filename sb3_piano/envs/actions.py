@@ -16,12 +16,12 @@ from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import tip_unit
 
 REACH = 1.2
-"""How far from where it is hands send a finger's joint at most, rad, unless told otherwise."""
+"""Default largest offset of a finger joint's target from its position, rad."""
 
-# What moves a fingertip about as far in a control step of 0.05 s, relative to a rad of a finger's
-# joint: of what they are told fingers follow two thirds, wrists a half, sliders 8 % (these in m).
+# Target offsets that move a fingertip about as far in a control step of 0.05 s as 1 rad of a finger
+# joint. In a step fingers cover two thirds of the offset, wrists a half, sliders 8 % (in m).
 _UNIT = {"finger": 1.0, "wrist": 0.5, "forearm": 0.5, "elbow": tip_unit("elbow")}
-_MIRRORED = ("along", "roll")  # the left hand's move the other way
+_MIRRORED = ("along", "roll")  # mirrored in the left hand
 
 
 class ActionMap:
@@ -32,19 +32,19 @@ class ActionMap:
         self.middle = (scene.ctrl_high + scene.ctrl_low) / 2
         """(nu,) targets of an action of 0, rad or m."""
         self.half_range = (scene.ctrl_high - scene.ctrl_low) / 2
-        """(nu,) what an action of 1 adds, rad or m."""
+        """(nu,) change of the targets by an action of 1, rad or m."""
         self._shape = (len(self.middle) + 1,)
         self._low, self._high = np.full(self._shape, -1.0), np.ones(self._shape)
         self.space = spaces.Box(-1.0, 1.0, self._shape, dtype=np.float32)
 
     @property
     def rest(self) -> Float32Array:
-        """The action that holds all joints at 0, or as near as they can be, and the pedal up."""
+        """Action that holds all joints at 0, or as near as their ranges allow, and the pedal up."""
         hands = np.clip(-self.middle / self.half_range, -1.0, 1.0)
         return np.append(hands, -1.0).astype(np.float32)
 
     def controls(self, action: npt.ArrayLike) -> tuple[FloatArray, float]:
-        """Return what an action commands; values outside [-1, 1] are clipped.
+        """Convert an action to control targets; values outside [-1, 1] are clipped.
 
         Returns:
             The actuators' targets, (nu,) rad or m, and the pedal's command in [0, 1].
@@ -56,12 +56,12 @@ class ActionMap:
         return self.middle + self.half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
 
     def action(self, controls: FloatArray, *, pedal_down: bool) -> Float32Array:
-        """Return the action that commands the actuators' targets, (nu,) rad or m, and the pedal."""
+        """Compute the action for the actuators' targets, (nu,) rad or m, and the pedal."""
         hands = (controls - self.middle) / self.half_range
         return np.append(hands.astype(np.float32), np.float32(1.0 if pedal_down else -1.0))
 
     def change(self, controls: FloatArray) -> FloatArray:
-        """Return by how much an action changes where the actuators' targets do, (nu,)."""
+        """Convert changes of the actuators' targets to changes of the action, (nu,)."""
         return controls / self.half_range
 
     def _checked(self, action: npt.ArrayLike) -> FloatArray:
@@ -73,14 +73,14 @@ class ActionMap:
 
 
 def action_numbers(action: npt.ArrayLike) -> FloatArray:
-    """Return an action as an array of float64.
+    """Convert an action to an array of float64.
 
     Raises:
-        InvalidActionError: If it is none, or some of its numbers are masked.
+        InvalidActionError: If it is no array of numbers, or some of its numbers are masked.
     """
     try:
         array = np.asarray(action)
-        if array.dtype.kind == "c":  # of which NumPy would drop a half with a warning
+        if array.dtype.kind == "c":  # NumPy would drop the imaginary part with a warning
             raise TypeError("they are complex")
         if array.dtype.kind in "SUMm" or any(isinstance(x, str | bytes) for x in _objects(array)):
             raise TypeError("they are texts or dates")
@@ -97,10 +97,10 @@ def _objects(array: npt.NDArray[Any]) -> Iterable[Any]:
 
 
 def check_finite(action: FloatArray) -> None:
-    """Refuse an action of which a number is not finite.
+    """Check that all numbers of an action are finite.
 
     Raises:
-        InvalidActionError: If one is.
+        InvalidActionError: If one is not.
     """
     finite = np.isfinite(action)
     if not finite.all():
@@ -111,52 +111,51 @@ def check_finite(action: FloatArray) -> None:
 
 
 class HandActionMap:
-    """Maps actions of right hands, which begin where a hand is, onto the actuators' targets.
+    """Maps actions relative to the present joint positions onto the actuators' targets.
 
-    An action has one number in [-1, 1] for each actuator, in the scene's order. An actuator is told
-    where it is plus its reach times the number, cut at the ends of its control range. The left hand
-    is a right one in the mirror: its slider along the keyboard moves the other way, and so does the
-    roll of its forearm.
+    An action has one number in [-1, 1] for each actuator, in the scene's order. An actuator's
+    target is its position plus its reach times the number, clipped to its control range. The left
+    hand is mirrored: its slider along the keyboard and its forearm's roll have the opposite sign.
     """
 
     def __init__(self, scene: PianoScene, reach: float = REACH):
         """Take the actuators of a scene.
 
         Args:
-            scene: Where they are.
-            reach: How far from where it is an action of 1 sends a finger's joint, rad, above 0; a
-                wrist's joint half as far, a slider half as many metres, since it follows slowly, a
+            scene: The scene.
+            reach: Offset of a finger joint's target by an action of 1, rad, above 0. A wrist's
+                joint gets half of it, a slider, which follows slowly, half as many metres, and a
                 forearm's turn 0.15 of it.
 
         Raises:
             ConfigError: If ``reach`` is out of range.
         """
         self.reach = checked("reach", reach, Positive) * hand_action_unit(scene)
-        """(n,) what an action of 1 adds, rad, or m for the sliders; negative in the mirror."""
+        """(n,) offset by an action of 1, rad, or m for the sliders; negative if mirrored."""
         shape = self.reach.shape
         self._low, self._high = np.full(shape, -1.0), np.ones(shape)
         self._ctrl_low, self._ctrl_high = scene.ctrl_low.copy(), scene.ctrl_high.copy()
         self.space = spaces.Box(-1.0, 1.0, shape, dtype=np.float32)
 
     def controls(self, action: npt.NDArray[np.floating], positions: FloatArray) -> FloatArray:
-        """Return the actuators' targets, (n,) rad or m; what is outside of [-1, 1] is clipped.
+        """Convert an action to the actuators' targets, (n,) rad or m; it is clipped to [-1, 1].
 
-        ``positions`` are where the actuators are, (n,) rad or m.
+        ``positions`` are the actuators' present positions, (n,) rad or m.
         """
         offsets = np.minimum(np.maximum(action, self._low), self._high)
         controls = positions + self.reach * offsets
         return np.minimum(np.maximum(controls, self._ctrl_low), self._ctrl_high)
 
     def action(self, controls: FloatArray, positions: FloatArray) -> Float32Array:
-        """Return the action for (n,) targets of the actuators; what is beyond the reach is cut."""
+        """Compute the action for (n,) targets of the actuators, clipped to the reach."""
         offsets = (controls - positions) / self.reach
         return np.minimum(np.maximum(offsets, self._low), self._high).astype(np.float32)
 
 
 def hand_action_unit(scene: PianoScene) -> FloatArray:
-    """Return what moves fingertips alike, (n,) rad, or m for sliders; negative in the mirror."""
+    """Offsets that move fingertips equally, (n,) rad, or m for sliders; negative if mirrored."""
     unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
     for role in _MIRRORED if "left" in scene.sides else ():
         of_role = np.flatnonzero(np.array(scene.actuator_role) == role)
-        unit[of_role[-1:]] *= -1  # the left hand's, which is the last one, if it has any
+        unit[of_role[-1:]] *= -1  # the left hand's is the last one, if any
     return unit

@@ -1,4 +1,4 @@
-"""Blocks of an observation: what the numbers of each are, and how they come about."""
+"""Blocks of an observation, and the encoding that writes them."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
 
 
 class Now(NamedTuple):
-    """The moment before a control step of the piece."""
+    """State before a control step of the piece."""
 
     step: int
-    """Control step that is to be played next, 0 to ``len(roll) - 1``."""
+    """Control step to play next, 0 to ``len(roll) - 1``."""
     simulation: Simulation
-    """The simulation as it was read."""
+    """The simulation as last read."""
     pedal: float
     """The pedal's command in [0, 1]."""
 
 
 class Block:
-    """A named part of the observation: what its numbers are, and how they come about.
+    """Base class of the named parts of an observation.
 
-    A subclass sets ``name``, ``meaning`` and what differs from the values here; they mean what they
-    mean in :class:`~sb3_piano.envs.ObservationBlock`. It has :meth:`prepare` for what follows from
-    the piece, :meth:`write` for what follows from the simulation, or both. The environment's option
-    ``observation_blocks`` takes such classes, or their import paths.
+    A subclass sets ``name``, ``meaning`` and any attributes that differ from the values here; see
+    :class:`~sb3_piano.envs.ObservationBlock`. It overrides :meth:`prepare` for numbers that depend
+    on the piece, :meth:`write` for numbers that depend on the simulation, or both. The
+    environment's option ``observation_blocks`` takes such classes, or their import paths.
 
-    Equal simulations in equal control steps must give equal numbers, as states can be put back. So
-    a block keeps what it learnt of the piece, and nothing else.
+    Equal simulations in equal control steps must give equal numbers, as states can be restored. So
+    a block may store data of the piece only.
     """
 
     name: str
@@ -52,29 +52,29 @@ class Block:
     binary: bool = False
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig) -> None:
-        """Take the scene and the settings of an environment, on which the shape may depend."""
+        """Take the scene and the settings of an environment; the shape may depend on them."""
 
     def prepare(self, roll: Any) -> npt.ArrayLike | None:
         """Take a piece, a ``PianoRoll`` of T control steps, before it is played.
 
         Returns:
-            (T, *shape) what is known of the observation in each control step; ``None`` if nothing.
+            (T, *shape) numbers of each control step that depend on the piece; ``None`` if none do.
         """
         del roll
         return None
 
     def write(self, out: Float32Array, now: Any) -> None:
-        """Write what depends on a moment, :class:`Now`, into an array of the block's shape.
+        """Write the numbers that depend on the state, a :class:`Now`, into the block's array.
 
-        The array holds what :meth:`prepare` returned for the control step.
+        The array already holds the numbers that :meth:`prepare` returned for the control step.
         """
 
     def tables(self) -> Arrays:
-        """Return what else is known of the piece, by name, a row for each control step."""
+        """Return other data of the piece by name, one row for each control step."""
         return {}
 
     def described(self, prefix: str = "") -> ObservationBlock:
-        """Return what the layout says of the block, its name after a prefix."""
+        """Describe the block for the layout, with a prefix before its name."""
         facts = ("shape", "unit", "meaning", "low", "high", "binary")
         return ObservationBlock(
             name=f"{prefix}{self.name}", **{fact: getattr(self, fact) for fact in facts}
@@ -85,7 +85,7 @@ class Encoding:
     """Writes observations of one layout, block by block."""
 
     def __init__(self, blocks: Sequence[Block], layout: ObservationLayout):
-        """Take blocks, and the layout of what they write."""
+        """Take blocks and the layout of their numbers."""
         self.layout = layout
         """Layout of the observation."""
         self._blocks = tuple(blocks)
@@ -93,7 +93,7 @@ class Encoding:
         self._open_page()
 
     def _open_page(self) -> None:
-        """Make what is written again at each step, and views of it, which are not copied."""
+        """Make the array that each step overwrites, and the views of it, which are not copied."""
         self._page = np.zeros(self.layout.size, dtype=np.float32)
         self._outs = self.split(self._page)
         parts = list(zip(self._blocks, self._outs, self._known, strict=True))
@@ -109,23 +109,23 @@ class Encoding:
         self._open_page()
 
     def split(self, numbers: Float32Array) -> list[Float32Array]:
-        """Return views of observations, (..., n): what each block writes."""
+        """Split observations, (..., n), into a view for each block."""
         return [
             numbers[..., block.slice].reshape(*numbers.shape[:-1], *block.shape)
             for block in self.layout.values()
         ]
 
     def prepare(self, roll: PianoRoll) -> None:
-        """Take a piece, which is then played.
+        """Set the piece to play.
 
         Raises:
-            ConfigError: If a block returns something else than finite numbers of its shape.
-            ScoreError: If this encoding cannot show the piece; the former one then remains.
+            ConfigError: If a block does not return finite numbers of its shape.
+            ScoreError: If this encoding cannot show the piece; the former piece then remains.
         """
         self._use(self._prepared(roll, len(roll)))
 
     def _prepared(self, piece: Any, steps: int) -> list[tuple[Block, Float32Array | None]]:
-        """Return copies of the blocks that are prepared for a piece, and what is known of it."""
+        """Prepare copies of the blocks for a piece; return them with their known numbers."""
         blocks = [copy.copy(block) for block in self._blocks]
         return [
             (block, _rows(block, block.prepare(piece), (steps, *out.shape)))
@@ -137,11 +137,11 @@ class Encoding:
         self._open_page()
 
     def tables(self) -> Arrays:
-        """Return what is known of the piece before it is played, a row for each control step."""
+        """Return the blocks' data of the piece by name, one row for each control step."""
         return {name: table for block in self._blocks for name, table in block.tables().items()}
 
     def known_rows(self) -> Float32Array:
-        """Return the numbers of all observations that do not depend on the simulation, (T, n)."""
+        """Return the numbers of all observations that depend on the piece alone, (T, n)."""
         steps = next(len(known) for known in self._known if known is not None)
         rows = np.zeros((steps, self.layout.size), dtype=np.float32)
         for out, known in zip(self.split(rows), self._known, strict=True):
@@ -150,7 +150,7 @@ class Encoding:
         return rows
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
-        """Return the observation before a control step of the piece; see :class:`Now`."""
+        """Write the observation before a control step of the piece; see :class:`Now`."""
         now = self._look(Now(step, simulation, pedal))
         for out, known in self._fixed:
             out[...] = known[step]
@@ -159,38 +159,38 @@ class Encoding:
         return self._page.copy()
 
     def _look(self, now: Now) -> Any:
-        """Return the moment as the blocks expect it."""
+        """Convert the state to the type that the blocks expect."""
         return now
 
 
 class AddedBlocks(Encoding):
-    """An encoding with blocks at its end that come from elsewhere, and are checked."""
+    """Encoding with a user's blocks at its end, whose numbers are checked."""
 
     def __init__(self, inner: Encoding, blocks: Sequence[Block]):
-        """Put blocks behind those of an encoding.
+        """Append blocks to those of an encoding.
 
         Raises:
-            ConfigError: If two blocks have one name, or one does not say what it is.
+            ConfigError: If two blocks have one name, or one lacks a valid description.
         """
         self._inner = inner
         added = [_described(block) for block in blocks]
         super().__init__(blocks, ObservationLayout([*inner.layout.values(), *added]))
 
     def split(self, numbers: Float32Array) -> list[Float32Array]:
-        """Return views of observations, (..., n): what each block at the end writes."""
+        """Split observations, (..., n), into a view for each added block."""
         return super().split(numbers)[-len(self._blocks) :]
 
     def prepare(self, roll: PianoRoll) -> None:
-        """Take a piece; see :meth:`Encoding.prepare`."""
+        """Set the piece to play; see :meth:`Encoding.prepare`."""
         prepared = self._prepared(roll, len(roll))
         self._inner.prepare(roll)
         self._use(prepared)
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
-        """Return the observation; see :meth:`Encoding.write`.
+        """Write the observation; see :meth:`Encoding.write`.
 
         Raises:
-            ConfigError: If a block writes something else than finite numbers of its shape.
+            ConfigError: If a block does not write finite numbers of its shape.
         """
         inner, now = self._inner.write(step, simulation, pedal), Now(step, simulation, pedal)
         self._page[: inner.size] = inner
@@ -208,10 +208,10 @@ class AddedBlocks(Encoding):
 
 
 def block_classes(named: Sequence[Any]) -> tuple[type[Block], ...]:
-    """Return the classes of blocks that are given as such or by their import paths.
+    """Resolve block classes, each given as a class or as an import path.
 
     Raises:
-        ConfigError: If one is none, or cannot be imported.
+        ConfigError: If one is no block class, or cannot be imported.
     """
     return tuple(map(_block_class, named))
 
@@ -240,7 +240,7 @@ def _described(block: Block) -> ObservationBlock:
 
 
 def _rows(block: Block, known: Any, shape: tuple[int, ...]) -> Float32Array | None:
-    """Return what a block knows of a piece as an array of a shape."""
+    """Convert the numbers that a block prepared to an array, and check its shape."""
     if known is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""The settings of a piano environment."""
+"""Settings of a piano environment."""
 
 from __future__ import annotations
 
@@ -38,83 +38,82 @@ LookaheadSteps = Annotated[
 """Control steps after the current one that an observation shows."""
 
 PictureWidth = Annotated[Whole, Ge(1), Le(1920), Unit("pixels")]
-"""Width of a picture, pixels; as far as the drawing context goes."""
+"""Width of a picture, pixels, up to that of the drawing context."""
 
 PictureHeight = Annotated[Whole, Ge(1), Le(1080), Unit("pixels")]
-"""Height of a picture, pixels; likewise."""
+"""Height of a picture, pixels, up to that of the drawing context."""
 
 
 @settings
 class PianoEnvConfig:
     """Settings of a :class:`~sb3_piano.envs.PianoEnv`, besides the score.
 
-    The defaults are those with which RoboPianist's authors train.
+    The defaults are the training settings of RoboPianist's authors.
 
     Raises:
         ConfigError: If a value has the wrong type or is out of range.
     """
 
     fingering: TextOrPath = "keep"
-    """Source of the finger labels: "keep" leaves them as they are; "ergonomic" chooses fingers
-    for the notes without; "robot" does, too, and changes hands and fingers that do not suit the
-    simulated hands; "optimal-transport" takes all labels away, so that any finger may play; or the
-    path of a file whose labels are put on the environment's own score (not on another one that
-    ``reset`` names)."""
+    """Source of the finger labels. "keep" leaves them as they are. "ergonomic" labels the notes
+    without a finger. "robot" does, too, and changes hands and fingers that do not suit the
+    simulated hands. "optimal-transport" removes all labels, so that any finger may play. The path
+    of a fingering file labels the environment's own score, but not a score that ``reset`` names."""
     n_steps_lookahead: LookaheadSteps = 10
     """Control steps after the current one that the goal shows; 0 to 10,000."""
     observation: ObservationKind = "roll"
-    """"roll" is RoboPianist's observation; "window" is the same for the keys of the piece and three
-    beside them; "fingers" has for each finger where and when it must press next; "hands" has what
-    each hand read in the whole piece, both seen as right hands."""
+    """"roll" is RoboPianist's observation. "window" is the same for the keys of the piece and three
+    more on either side. "fingers" has the place and time of each finger's next press. "hands" has
+    two equal parts, one per hand, with its coming targets; the left hand is mirrored."""
     observation_blocks: Annotated[tuple[Any, ...], Listed] = ()
-    """Blocks of your own at the end of the observation: subclasses of
+    """Your own blocks at the end of the observation: subclasses of
     :class:`~sb3_piano.envs.Block`, or their import paths, "package.module.Name"."""
     control_timestep: Number = 0.05
     """Length of a control step, s; a whole number of physics steps."""
     initial_buffer_time: Annotated[Number, Ge(0), Unit("s")] = 0.0
-    """Silence put before the score, s, in which the hands can take their place."""
+    """Silence before the score, s, in which the hands can move to their first notes."""
     trim_silence: bool = True
     """Start the score at its first note."""
     hands_in_scene: HandsInScene = "both"
-    """Hands that are there. A hand that is alone has the actions, the observation and the joints of
-    one, no other forearm to touch, and plays its own notes and those that no hand is known of. With
-    "none" the keys are driven themselves, and earn other rewards."""
+    """Hands in the scene. A single hand has only its own actions, observation and joints, and no
+    forearm to collide with. It plays its own notes and those without a known hand. With "none"
+    actuators drive the keys themselves, and the reward has other terms."""
     hands: Hands = "both"
-    """Hands whose notes are played; those of the other are left out. Where a score does not say
-    which hand plays a note, one is found."""
+    """Hands whose notes are played; the other hand's notes are left out. Notes without a hand are
+    assigned to one first."""
     hand: TextOrPath = DEFAULT_HAND
-    """Robot hand that plays, on both sides: a name, or the path of its folder (docs/hands.md)."""
+    """Robot hand on both sides: a name, or the path of its folder (docs/hands.md)."""
     reduced_action_space: bool = True
     """Leave out three joints of each Shadow hand, two of the thumb and one of the little finger's
-    metacarpal: 39 actions instead of 45; 20 instead of 23 of one hand."""
+    metacarpal: 39 actions instead of 45; for one hand 20 instead of 23."""
     forearm_dofs: Annotated[tuple[str, ...], Listed] | None = None
     """Joints of each forearm, in the hand's order; by default its sliders along the keyboard and
-    towards the keys' hinges. The Shadow hand has RoboPianist's names: these two, one up, and turns
-    about its own axis, up and to the side (docs/environments.md). The first one must be there; each
-    further one is one more action and one more observed number of each hand."""
+    towards the keys' hinges. The Shadow hand has RoboPianist's names: these two, a slider up, and
+    turns about its own axis, up and to the side (docs/environments.md). The first joint is
+    required. Each further joint adds one action and one observed number to each hand."""
     gravity_compensation: bool = True
-    """Let forces balance the weight of the hands."""
+    """Balance the weight of the hands by forces."""
     physics: str = "reference"
-    """Name of a physics profile: "reference" (RoboPianist's), "faithful", "fast-contacts" or
-    "fast", from the slowest to the fastest."""
+    """Name of a physics profile, from the slowest to the fastest: "reference" (RoboPianist's),
+    "faithful", "fast-contacts" or "fast"."""
     fingering_reward: Literal["auto", "labels", "optimal-transport", "off"] = "auto"
-    """"labels" rewards labelled fingers at their keys; "optimal-transport" any finger near a due
-    key (RP1M); "auto" takes labels if the score has any, else optimal transport; "off" is 0."""
+    """"labels" rewards labelled fingers at their keys, "optimal-transport" any finger near a due
+    key (RP1M). "auto" uses labels if the score has any, else optimal transport. "off" is 0."""
     forearm_reward: bool = True
-    """Reward forearms that do not touch; otherwise, and of one hand, the term is 0."""
+    """Reward forearms that do not touch. If off, or with one hand, the term is 0."""
     reward_weights: Mapping[str, RewardWeight] = dataclasses.field(default_factory=dict)
-    """Weights of reward terms by name, in place of the default ones: those of
-    ``DEFAULT_REWARD_WEIGHTS``, without hands of ``SELF_ACTUATED_REWARD_WEIGHTS``."""
+    """Weights of reward terms by name, which override the default ones: ``DEFAULT_REWARD_WEIGHTS``,
+    or ``SELF_ACTUATED_REWARD_WEIGHTS`` without hands."""
     reward_terms: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """Reward terms of your own by name, each a ``Term``, a function of a ``StepView``, or the
-    import path of either, "package.module.name"."""
+    """Your own reward terms by name: each a ``Term``, a function of a ``StepView``, or the import
+    path of either, "package.module.name"."""
     goal_time: Literal["beginning", "end"] = "beginning"
-    """Moment of a control step whose keys are asked of the state at its end. "beginning", as in
-    RoboPianist, asks a key to be down by the end of the step in which its note begins; "end" asks
-    for it a step earlier, when the note begins, and lets go a step earlier. The reward but for
-    ``strike``, the observation and ``wrong_press_termination`` follow, the metrics do not."""
+    """Time at which keys are due. With "beginning", as in RoboPianist, a key must be down by the
+    end of the control step in which its note begins. With "end" it must be down when the note
+    begins, and up one step earlier. The option changes the observation, the reward (except
+    ``strike``) and ``wrong_press_termination``, but not the metrics."""
     wrong_press_termination: bool = False
-    """End the episode when a key sounds that is not due."""
+    """Terminate the episode when a key that is not due sounds."""
     randomize_hand_positions: bool = False
     """Start each episode with both hands moved along the keyboard by up to 5 cm."""
     width: PictureWidth = 640
@@ -126,7 +125,7 @@ class PianoEnvConfig:
 
     @classmethod
     def from_options(cls, options: Mapping[str, Any]) -> PianoEnvConfig:
-        """Return the config with the given settings, refusing unknown ones by name."""
+        """Make a config from settings by name; unknown names are refused."""
         fields = [field.name for field in dataclasses.fields(cls)]
         refuse_unknown(options, fields, "option", "the piano environment")
         return cls(**options)
@@ -153,8 +152,8 @@ class PianoEnvConfig:
         forearm_dofs = hand.forearm_dofs(self.forearm_dofs)
         if self.observation == "hands" and forearm_dofs != hand.forearm_dofs():
             raise ConfigError(
-                f"observation is 'hands' and forearm_dofs {list(forearm_dofs)}: what a hand sees "
-                "there is laid out for forearms that only slide. Expected 'roll', 'window' or "
+                f"observation is 'hands' and forearm_dofs {list(forearm_dofs)}: this observation "
+                "supports only the hand's default forearm joints. Expected 'roll', 'window' or "
                 f"'fingers', or forearm_dofs={list(hand.forearm_dofs())}."
             )
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
@@ -171,7 +170,7 @@ class PianoEnvConfig:
 
     @property
     def simulation(self) -> str:
-        """Options that decide how a state of the physics goes on."""
+        """Options on which the physics depends, as text."""
         physics, gravity = self.physics, self.gravity_compensation
         step, hand = self.control_timestep, find_hand(self.hand)
         dofs = hand.forearm_dofs(self.forearm_dofs)

@@ -1,4 +1,4 @@
-"""Encodings of goal and state as observations: RoboPianist's full roll, or smaller ones."""
+"""Encodings of goal and state as observations: RoboPianist's piano roll, or smaller ones."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ GOAL_WIDTH = NUM_KEYS + 1
 """Numbers in one row of the goal: the keys, then the pedal."""
 
 DM_PER_M = 10.0
-"""Decimetres in a metre: so that the last centimetre counts among numbers of the order of 1."""
+"""Decimetres in a metre. In dm a last centimetre still counts among numbers near 1."""
 
 FARTHEST = 20.0
 """Bound of distances on the keyboard, dm."""
 
 JOINT_OVERSHOOT = 1.0
-"""Room of the declared bounds beyond the limits of joints, which are soft: rad, or m of sliders."""
+"""Margin of the declared bounds beyond the joints' soft limits, rad, or m for sliders."""
 
 JOINTS_MEANING = (
     "joint positions, wrist to thumb, then the sliders along the keyboard and towards the hinges "
@@ -49,18 +49,18 @@ class RollEncoding(Encoding):
         super().__init__(blocks, window.restrict(layout)[0])
 
     def prepare(self, roll: PianoRoll) -> None:
-        """Take a piece; see :meth:`Encoding.prepare`."""
+        """Set the piece to play; see :meth:`Encoding.prepare`."""
         self._window.check_keys(used_keys(roll))
         super().prepare(roll)
         self._steps = len(roll)
 
     def tables(self) -> Arrays:
-        """Return goals, with those of the lookahead after the last step; and fingers."""
+        """Return goals, padded by the lookahead after the last step, and fingers."""
         return {"fingers": np.zeros((self._steps, 0), dtype=np.float32), **super().tables()}
 
 
 class FingerEncoding(Encoding):
-    """For each finger, where and when it must press next: a tenth of RoboPianist's numbers."""
+    """Observation of each finger's next press: a tenth of the size of RoboPianist's."""
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
         """Lay out the observation."""
@@ -69,7 +69,7 @@ class FingerEncoding(Encoding):
         super().__init__(blocks, ObservationLayout(block.described() for block in blocks))
 
     def tables(self) -> Arrays:
-        """Return each finger's target, and the numbers that depend on nothing else."""
+        """Return each finger's target, and the numbers that depend on the piece alone."""
         return {**super().tables(), "known": self.known_rows()}
 
 
@@ -77,8 +77,8 @@ class _Goal(Block):
     name = "goal"
     binary = True
     meaning = (
-        "1 where a key (columns 0-87) or the pedal (column 88) should be down, for the current "
-        "control step and those after it; 0 beyond the end"
+        "1 if a key (columns 0-87) or the pedal (column 88) should be down, for the current and "
+        "the following control steps; 0 beyond the end"
     )
 
     def __init__(self, rows: int, window: KeyWindow):
@@ -86,7 +86,7 @@ class _Goal(Block):
         self._rows, self._window = rows, window
 
     def prepare(self, roll: PianoRoll) -> None:
-        # Silence is appended, so that the lookahead of the last step can be cut like any other.
+        # Appended silence lets the lookahead of the last step be sliced like any other.
         shape = (len(roll) + self._rows - 1, len(self._window) + 1)
         self._table = np.zeros(shape, dtype=np.float32)
         self._table[: len(roll), :-1] = roll.active[:, self._window.slice]
@@ -103,7 +103,7 @@ class _Fingering(Block):
     name = "fingering"
     binary = True
     meaning = (
-        "1 for each finger that is labelled to press now, thumb to little, the right hand first"
+        "1 for each finger labelled to press now, thumb to little finger, the right hand first"
     )
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
@@ -132,7 +132,7 @@ class _KeyState(Block):
 
 class _Sustain(Block):
     name = "sustain"
-    meaning = "the pedal's command in [0, 1]; down from 0.5 on"
+    meaning = "the pedal's command in [0, 1]; the pedal is down at 0.5 and above"
 
     def write(self, out: Float32Array, now: Now) -> None:
         out[0] = now.pedal
@@ -162,11 +162,11 @@ class _Targets(Block):
     name = "targets"
     unit = "dm (3), 1, 1, s (2), 1"
     meaning = (
-        "for each finger, thumb to little, the right hand first: the vector from its tip to the "
-        "point where it must press next (x towards the player, y to the right, z up); that key's "
-        "angle over its largest angle; 1 if there is such a key; time until it must be down; time "
-        "until it must be up again; 1 if it is black. Without a key in sight the times are those "
-        "of the horizon and all else is 0"
+        "for each finger, thumb to little finger, the right hand first: the vector from its tip to "
+        "the point where it must press next (x towards the player, y to the right, z up); that "
+        "key's angle over its largest angle; 1 if it has such a key; time until the key must be "
+        "down; time until it must be up again; 1 if it is black. Without a key within the horizon "
+        "both times are the horizon and the other numbers are 0"
     )
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
@@ -213,7 +213,7 @@ class _PedalGoal(Block):
     name = "pedal_goal"
     shape = (2,)
     unit = "1, s"
-    meaning = "1 if the pedal should be down; time until that changes, at most the horizon"
+    meaning = "1 if the pedal should be down; time until this changes, at most the horizon"
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
         self._horizon, self._timestep = config.n_steps_lookahead + 1, config.control_timestep
@@ -227,7 +227,7 @@ class _PedalGoal(Block):
 
 class _WrongKeys(Block):
     name = "wrong_keys"
-    meaning = "how many keys sound that should not, at most 10"
+    meaning = "number of keys that sound and should not, at most 10"
     high = float(_MOST_WRONG_KEYS)
 
     def prepare(self, roll: PianoRoll) -> None:
@@ -240,27 +240,27 @@ class _WrongKeys(Block):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FingerGoals:
-    """For each of T control steps and ten fingers the note that it holds, or else its next one."""
+    """Present or next note of each of ten fingers in T control steps."""
 
     key: IntArray
-    """(T, 10) key to press, -1 where the finger has nothing more to play within the horizon."""
+    """(T, 10) key to press, -1 if the finger has no note within the horizon."""
     onset: IntArray
-    """(T, 10) control steps until the key must be down, 0 while it must; at most the horizon."""
+    """(T, 10) control steps until the key must be down (0: now), at most the horizon."""
     release: IntArray
-    """(T, 10) control steps until it must be up again; at most the horizon."""
+    """(T, 10) control steps until it must be up again, at most the horizon."""
 
     @classmethod
     def of(cls, roll: PianoRoll, horizon: int) -> FingerGoals:
-        """Look up to ``horizon`` control steps ahead in a piece.
+        """Find each finger's goals up to ``horizon`` control steps ahead.
 
-        Where labels give one finger several keys at once, it is shown the lowest.
+        If labels give one finger several keys at once, its goal is the lowest.
 
         Raises:
             ScoreError: If a note has no finger label.
         """
         check_labels(roll, "fingers")
         held, steps = _held_keys(roll), np.arange(len(roll))[:, None]
-        # A key struck anew is silent for a step before; at the last step every note ends.
+        # A repeated key is silent for a step before the strike. Every note ends at the last step.
         ends = (held >= 0) & (np.diff(held, axis=0, append=-2) != 0)
         onset, release = _steps_until(held >= 0, horizon), _steps_until(ends, horizon) + 1
         key = np.take_along_axis(held, np.minimum(steps + onset, len(roll) - 1), axis=0)
@@ -273,17 +273,17 @@ class FingerGoals:
 
 
 def _steps_until(events: BoolArray, horizon: int) -> IntArray:
-    """Return in how many steps each column's next event is, (T, n); beyond the horizon if none."""
+    """Count the steps to each column's next event, (T, n); more than the horizon if it has none."""
     steps = np.arange(len(events))[:, None]
     at = np.where(events, steps, len(events) + horizon)
     return np.minimum.accumulate(at[::-1])[::-1] - steps
 
 
 def _held_keys(roll: PianoRoll) -> IntArray:
-    """Return the key that each finger holds, (T, 10), -1 where it holds none."""
+    """Return the key that each finger holds, (T, 10), or -1."""
     held = np.full((len(roll), NUM_FINGERS), -1, dtype=np.intp)
     steps, keys = np.nonzero(roll.active & (roll.finger >= 0))
-    # From the highest key to the lowest, so that the lowest remains.
+    # From the highest key to the lowest, so that the lowest overwrites the others.
     order = np.argsort(-keys, kind="stable")
     steps, keys = steps[order], keys[order]
     held[steps, roll.finger[steps, keys]] = keys
@@ -291,17 +291,17 @@ def _held_keys(roll: PianoRoll) -> IntArray:
 
 
 def check_labels(roll: PianoRoll, observation: str) -> None:
-    """Refuse a roll with a note that has no finger, for an observation that asks for fingers.
+    """Check that all notes of a roll have fingers, as an observation requires.
 
     Raises:
-        ScoreError: If there is such a note.
+        ScoreError: If a note has none.
     """
     unlabelled = np.argwhere(roll.unlabelled)
     if len(unlabelled) > 0:
         step, key = unlabelled[0]
         raise ScoreError(
             f"The note of pitch {key + MIN_PITCH} at control step {step} has no finger label: "
-            f"the observation {observation!r} expects one for every note. Let fingers be found "
-            "with fingering='ergonomic' or 'robot'; or, where they are and a hand has more keys to "
+            f"the observation {observation!r} expects one for every note. Set "
+            "fingering='ergonomic' or 'robot' to find fingers. If a hand still has more keys to "
             "strike at once than fingers, choose the observation 'roll' or 'window'."
         )

@@ -1,4 +1,4 @@
-"""Ends of episodes that come from wrappers around the environment."""
+"""Episode ends that wrappers around the environment decide."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ LimitRef = weakref.ref[Any]
 
 
 def time_limits(env: gym.Env[Any, Any]) -> tuple[LimitRef, ...]:
-    """Return the ``TimeLimit`` wrappers whose ``reset`` is being called around an environment's.
+    """Find the ``TimeLimit`` wrappers around an environment, from within its ``reset``.
 
-    An environment holds no reference to its wrappers. Its ``reset`` is reached through theirs, so
-    that they are among its callers. RL Zoo puts a class of its own in gymnasium's place, so that
-    they are known by what they count. References are weak, as each wrapper holds the environment.
+    An environment has no reference to its wrappers, but their ``reset`` calls its own, so they are
+    in the call stack. RL Zoo has its own time limit class, so wrappers are recognised by the
+    attribute that they count with. References are weak, as each wrapper holds the environment.
     """
     found, frame = [], sys._getframe(1)
     while (frame := frame.f_back) is not None:  # type: ignore[assignment]
@@ -33,7 +33,7 @@ def time_limits(env: gym.Env[Any, Any]) -> tuple[LimitRef, ...]:
 
 
 def ends_by_limit(limits: Iterable[LimitRef]) -> bool:
-    """Return whether one of the time limits ends the episode with the step that is being played."""
+    """Check whether a time limit ends the episode with the present step."""
     wrappers = (limit() for limit in limits)
     return any(
         wrapper is not None
@@ -43,11 +43,11 @@ def ends_by_limit(limits: Iterable[LimitRef]) -> bool:
 
 
 class StepInfo(dict[str, Any]):
-    """The ``info`` of a step that the environment goes on from, if no wrapper ends the episode.
+    """``info`` of a step that does not end the episode; it computes metrics on access.
 
-    It holds what it was made of and nothing else. ``info["f1"]`` and the other names of the final
-    ``info`` give the metrics up to this step, for a ``Monitor`` around a wrapper that ends the
-    episode. A copy is a plain ``dict``; it has them if Stable-Baselines3 has marked the end.
+    It has only its given items. ``info["f1"]`` and the other names of the final ``info`` compute
+    the metrics up to this step, for a ``Monitor`` around a wrapper that ends the episode. A copy is
+    a plain ``dict``; it has the metrics if Stable-Baselines3 has marked the end.
     """
 
     def __init__(self, content: dict[str, Any], record: EpisodeRecord) -> None:
@@ -59,7 +59,7 @@ class StepInfo(dict[str, Any]):
         return self.summary()[name]
 
     def summary(self) -> dict[str, float]:
-        """Return the metrics up to this step; none once the record is of later steps."""
+        """Compute the metrics up to this step; empty once the record has later steps."""
         return self._record.summary() if self._record.steps == self._step else {}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -68,5 +68,5 @@ class StepInfo(dict[str, Any]):
 
 
 def final_info(info: dict[str, Any]) -> dict[str, Any]:
-    """Return the ``info`` with which a wrapper ended an episode, with the metrics."""
+    """Add the metrics to the ``info`` with which a wrapper ended an episode."""
     return {**info.summary(), **info} if isinstance(info, StepInfo) else info

@@ -14,22 +14,22 @@ from sb3_piano.music.fingering.robot import release_early
 
 
 class StepGoal(NamedTuple):
-    """Goal of one control step."""
+    """Keys, pedal and fingers that are due in one control step."""
 
     due: BoolArray
     """(88,) keys that should sound; a view of the roll."""
     keys: tuple[int, ...]
-    """The keys that should sound, ascending."""
+    """Keys that should sound, ascending."""
     not_due: int
-    """All others, as the number that their bytes are: ``int.from_bytes(~due)``, which is fast."""
+    """Keys that should not sound, as ``int.from_bytes(~due)``, for fast comparisons."""
     sustain: bool
     """Whether the pedal should be down."""
     labelled: tuple[tuple[int, int], ...]
-    """Those of them with a finger label: key, and finger from 0 to 9."""
+    """Due keys with a finger label: key, and finger from 0 to 9."""
 
 
 class Goal:
-    """A score as the goal of an episode, under the settings of an environment."""
+    """Goal of an episode: a score under the settings of an environment."""
 
     def __init__(self, score: Score, config: PianoEnvConfig):
         """Cut the score into control steps.
@@ -39,12 +39,12 @@ class Goal:
         """
         self._config = config
         self.source = score
-        """The score as it was handed in."""
+        """The score as given."""
         self.score = score = fingered(part_of_hands(score, config), config)
         self.roll = roll_of(score, config)
-        """What should be played, by which the metrics judge."""
+        """Piano roll to play, by which the metrics judge."""
         self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll
-        """What is asked of the state at the end of each control step."""
+        """Goals of the state at the end of each control step; see ``goal_time``."""
         self.fingering_reward = config.fingering_reward
         if config.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
@@ -58,14 +58,14 @@ class Goal:
         weights = config.reward_weights
         best = (max(weights[name], 0.0) * term.best(self) for name, term in config.terms.items())
         self.highest_return = float(sum(best))
-        """No return under the environment's reward is higher."""
+        """Upper bound of the return under the environment's reward."""
 
     @functools.cached_property
     def fingered_roll(self) -> PianoRoll:
-        """The roll in which every note has a finger, for players.
+        """Roll with a finger for every note, for players.
 
-        Where the environment shows none, they are fingers that suit the hands, or that go with the
-        others.
+        Missing fingers are chosen to match the score's labels, or to suit the robot's hands if the
+        score has none.
         """
         if not self.roll.unlabelled.any():
             return self.roll
@@ -73,12 +73,12 @@ class Goal:
         return roll_of(fingered(self.score, self._config, fingering), self._config)
 
     def __len__(self) -> int:
-        """Return how many control steps the episode has."""
+        """Return the number of control steps of the episode."""
         return len(self.steps)
 
 
 def roll_of(score: Score, config: PianoEnvConfig) -> PianoRoll:
-    """Return a score cut into control steps as an environment with these settings plays it."""
+    """Cut a score into control steps as an environment with these settings plays it."""
     roll = PianoRoll.from_score(
         score.trim_silence() if config.trim_silence else score,
         config.control_timestep,

@@ -1,4 +1,4 @@
-"""The observation of hands that have read the piece: each sees itself as a right hand."""
+"""Observation "hands": targets of each hand from the whole piece; the left hand is mirrored."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
 
 HANDS_VERSION = 1
-"""Version of what the blocks hold: networks belong to one. Whoever changes a number raises it."""
+"""Version of the numbers in the blocks. A network fits one version; raise it with each change."""
 
 FRAMES_AHEAD = np.array([1, 2, 3, 4, 6, 8])
-"""States after the present one whose key frames are shown."""
+"""Offsets of the states whose key frames are observed, in control steps."""
 
 PLACES_AHEAD = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32])
-"""States after the present one of which is shown where the arm is wanted."""
+"""Offsets of the states whose target places of the arm are observed, in control steps."""
 
 BUSY_AHEAD = np.array([1, 6, 16])
-"""States after the present one of which is shown whether the hand plays about then."""
+"""Offsets of the states for which the observation says whether the hand plays, control steps."""
 
 LINE_AHEAD = np.array([1, 4, 8, 16])
-"""States after the present one of which is shown how far the arm may go."""
+"""Offsets of the states whose bounds of the arm are observed, in control steps."""
 
 PRESSES_AHEAD = 2
-"""Presses of each finger that are shown: the one under way or else the next, and that after it."""
+"""Observed presses of each finger: the present or next one, and the one after it."""
 
 MOST_TIME = 2.0
-"""The farthest that presses are seen ahead and back, s."""
+"""Largest observed time to a press, ahead or back, s."""
 
 CLIP = 10.0
-"""Networks let standardised observations end here: one strange number must not drown the others."""
+"""Networks clip standardised observations here, so that no outlier dominates the others."""
 
 _CM_PER_M = 100.0
 _FULL_WEIGHT = 10.0  # of a key frame across the keys, per m
@@ -63,7 +63,7 @@ _NAMED = 5  # notes in a warning
 
 
 class HandEncoding(Encoding):
-    """What each hand read in the piece, relative to its arm and its fingers."""
+    """Observation of each hand's targets in the piece, relative to its arm and its fingers."""
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
         """Lay out the observation."""
@@ -75,17 +75,17 @@ class HandEncoding(Encoding):
         self.dofs = np.stack([scene.model.jnt_dofadr[joints] for joints in scene.joints])
         self.tip_geoms = scene.fingertip_geom
         self.tip_along = np.concatenate([self.hands[i].tip_along for i in self._sides])[:, None]
-        # The left hand in a mirror: y changes its sign, and so does the slider along it.
+        # In the mirrored left hand y and the slider along it change their signs.
         self.sign, self._fingers = _signs(scene), len(scene.hand.fingers)
         self.mirror = np.insert(np.ones((len(self.sign), 1, 2)), 1, self.sign, axis=2)
-        shown = self.hands[self._sides[0]]  # a hand that is not there may have other joints
+        shown = self.hands[self._sides[0]]  # the absent hand may have other joints
         self.slider = int(np.flatnonzero(self.qpos[0] == scene.slider_qpos[0])[0])
         self.joint_sign = np.ones(self.qpos.shape)
         self.joint_sign[:, self.slider] = self.sign[:, 0]
         self.slope = float(shown.arm_slope[shown.along])
         blocks = [kind(scene, config) for kind in _BLOCKS]
         self.keys = next(block for block in blocks if isinstance(block, _Keys))
-        """What is observed of the keys."""
+        """The block of the keys."""
         of_hand = ObservationLayout(block.described() for block in blocks)
         self.at = {name: block.slice for name, block in of_hand.items()}
         """Place of each block among the numbers of a hand."""
@@ -94,7 +94,7 @@ class HandEncoding(Encoding):
         super().__init__(blocks, ObservationLayout(b.described(s) for s in sides for b in blocks))
 
     def split(self, numbers: Float32Array) -> list[Float32Array]:
-        """Return views of observations, (..., n): what each block writes of all hands."""
+        """Split observations, (..., n), into a view for each block, with all hands."""
         rows = numbers.reshape(*numbers.shape[:-1], -1, self._size)
         return [
             rows[..., self.at[block.name]].reshape(*rows.shape[:-1], *block.shape)
@@ -102,10 +102,10 @@ class HandEncoding(Encoding):
         ]
 
     def prepare(self, roll: PianoRoll) -> None:
-        """Take a piece; see :meth:`Encoding.prepare`.
+        """Set the piece to play; see :meth:`Encoding.prepare`.
 
-        A :class:`~sb3_piano.exceptions.PlanWarning` names the notes that have no finger, as hands
-        have too few: nobody plays them.
+        A :class:`~sb3_piano.exceptions.PlanWarning` names notes without a finger, as hands have too
+        few. These notes are not played.
         """
         if not (roll.finger >= 0).any():
             check_labels(roll, "hands")
@@ -125,14 +125,14 @@ class HandEncoding(Encoding):
             )
 
     def read(self, roll: PianoRoll) -> Reading:
-        """Take a piece of which no hand plays the notes without finger; return what was read."""
+        """Set the piece without its notes that have no finger; return its reading."""
         read = read_piece(roll, self.hands, self.places)
         bounds = bounds_of(read.line, self.hands[0].spec.forearm.apart)
         hands = [read.hands[side] for side in self._sides]
         presses = np.stack([_shown_presses(hand, read.roll) for hand in hands], axis=1)
         piece = _Piece(roll.active, hands, [bounds[i] for i in self._sides], self.sign, presses)
         prepared = self._prepared(piece, len(roll))
-        # Where fingertips are wanted: those of key frames, then those of presses.
+        # Targets of the fingertips: first the key frames', then the presses'.
         frames = piece.ahead([hand.frames.target for hand in hands], FRAMES_AHEAD)
         target = np.concatenate([frames, presses[..., _POINT]], axis=2)
         asked = np.concatenate([piece.weight() > 0, presses[..., _THERE] > 0], axis=2)
@@ -142,18 +142,18 @@ class HandEncoding(Encoding):
         return read
 
     def tables(self) -> Arrays:
-        """Return what was read, and which keys are due, with one more at both ends."""
+        """Return the data of the piece, with due keys padded by one at both ends."""
         rows = self.known_rows()
         known = rows.reshape(len(rows), -1, self._size)
         return {**super().tables(), "known": known, "target": self._target, "scale": self._scale}
 
     def _look(self, now: Now) -> _Moment:
-        """Return what blocks share: joints, arms and fingertips in the mirror."""
+        """Compute the inputs that blocks share: joints, arms and fingertips, mirrored."""
         simulation, data = now.simulation, now.simulation.data
         joints = simulation.qpos[self.qpos] * self.joint_sign
-        # (h, 1): the middle of a hand whose slider is at 0 is as far out on both sides.
+        # (h, 1): with the sliders at 0 both hands are equally far from the middle.
         arm = (self.hands[0].middle + self.slope * joints[:, self.slider])[:, None] * DM_PER_M
-        alone = len(arm) == 1  # the other hand is not there, as if at rest
+        alone = len(arm) == 1  # the absent hand counts as at rest
         axes = data.geom_xmat.take(self.tip_geoms, axis=0)[:, 2::3]
         tips = simulation.geom_xpos.take(self.tip_geoms, axis=0) + axes * self.tip_along
         tips = tips.reshape(-1, self._fingers, 3) * self.mirror
@@ -172,43 +172,43 @@ class HandEncoding(Encoding):
 
 
 def _signs(scene: PianoScene) -> FloatArray:
-    """Return -1 for the left hand, 1 for the right one, (h, 1)."""
+    """Return -1 for the left hand and 1 for the right hand, (h, 1)."""
     return np.array([[1.0 if side == "right" else -1.0] for side in scene.sides])
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A piece of T control steps as the h hands that are there read it."""
+    """Reading of a piece of T control steps for the h hands in the scene."""
 
     due: BoolArray  # (T, 88) keys that should sound
     hands: list[HandReading]
-    bounds: list[FloatArray]  # (T + 1,) beyond which place each arm must be, m
+    bounds: list[FloatArray]  # (T + 1,) place beyond which each arm must stay, m
     sign: FloatArray  # (h, 1)
     presses: FloatArray  # (T, h, 2, f, 13), see _shown_presses
 
     def ahead(self, values: list[Any], states: IntArray) -> FloatArray:
-        """Return values of each hand, (T + 1, ...), in n states after each one, (T, h, n, ...)."""
+        """Look up hands' values, (T + 1, ...), at n offsets from each state, (T, h, n, ...)."""
         steps = len(self.due)
-        shown = np.minimum(np.arange(steps)[:, None] + states, steps)  # after the last one it is it
+        shown = np.minimum(np.arange(steps)[:, None] + states, steps)  # the last state repeats
         return np.stack([of_hand[shown] for of_hand in values], axis=1)
 
     def weight(self) -> FloatArray:
-        """Return how much key frames count across the keys, (T, h, 6, f) per m."""
+        """Return the weights of the key frames across the keys, (T, h, 6, f) per m."""
         return self.ahead([hand.frames.weight[..., 1] for hand in self.hands], FRAMES_AHEAD)
 
 
 class _Moment(NamedTuple):
-    """The h hands before a control step, the left one in a mirror."""
+    """State of the h hands before a control step, with the left hand mirrored."""
 
     step: int
-    key_state: FloatArray  # (88,) angles over their largest angles
+    key_state: FloatArray  # (88,) key angles over their largest angles
     joints: FloatArray  # (h, m) rad, or m
     velocities: FloatArray  # (h, m) rad/s, or m/s
     arm: FloatArray  # (h, 1) place to the little finger's side, dm
-    other_arm: FloatArray | float  # that of the other arm, to its own side
+    other_arm: FloatArray | float  # place of the other arm to its own side, dm
     tips: FloatArray  # (h, f, 3) fingertips, m
     tips_dm: FloatArray
-    # (h, 8, f, 3) from fingertips to where key frames and presses want them, dm; 0 if anywhere
+    # (h, 8, f, 3) from fingertips to their targets in key frames and presses, dm; 0 without target
     ways: FloatArray
 
 
@@ -218,7 +218,7 @@ class _Positions(Block):
     meaning = JOINTS_MEANING
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
-        low, high = scene.joint_range[0].T  # in the mirror they are the left hand's, too
+        low, high = scene.joint_range[0].T  # those of the mirrored left hand, too
         self.shape = (len(low),)
         self.low, self.high = low - JOINT_OVERSHOOT, high + JOINT_OVERSHOOT
 
@@ -229,7 +229,7 @@ class _Positions(Block):
 class _Velocities(Block):
     name = "velocities"
     unit = "rad/s, m/s of sliders"
-    meaning = f"how fast they change, cut at {_FASTEST:g}"
+    meaning = f"velocities of the joint positions, clipped at {_FASTEST:g}"
     low, high = -_FASTEST, _FASTEST
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
@@ -243,8 +243,8 @@ class _Fingertips(Block):
     name = "fingertips"
     unit = "dm"
     meaning = (
-        "centres of the fingertips, thumb to little finger: x towards the player, y away from the "
-        "arm to the little finger's side, z up"
+        "centres of the fingertips, thumb to little finger: x towards the player, y from the arm "
+        "to the little finger's side, z up"
     )
     low, high = -FARTHEST, FARTHEST
 
@@ -265,9 +265,9 @@ class _Frames(Block):
     name = "frames"
     unit = "dm (3), 1"
     meaning = (
-        f"for the states after {_listed(FRAMES_AHEAD)} control steps and each finger: the way from "
-        "where its tip is now to where it is wanted, and how much that counts; 0 where it may be "
-        "anywhere"
+        f"for the states after {_listed(FRAMES_AHEAD)} control steps and each finger: the vector "
+        "from the present position of its tip to the target, and the target's weight; 0 without a "
+        "target"
     )
     low = (*[-FARTHEST] * 3, 0.0)
     high = (*[FARTHEST] * 3, 10.0)
@@ -289,12 +289,12 @@ class _Presses(Block):
     name = "presses"
     unit = "dm (3), 1, s (2), 1 (5), s (2)"
     meaning = (
-        "for each finger's press under way or else the next, then the one after it: the way to "
-        "where its tip is when the key is down; the key's angle over its largest angle; times "
-        "until it is planned to be down first and last, less than 0 for those that are over, cut "
-        f"at {MOST_TIME:g}; 1 if there is such a press, if the key is black, if the hand comes by "
-        "a leap, if it leaves by one, if the finger strikes the key anew at once; times until the "
-        "note begins and ends as it is written, from which leaps take a part"
+        "for each finger's present or next press, then the one after it: the vector to the place "
+        "of its tip when the key is down; the key's angle over its largest angle; times until the "
+        "planned press begins and ends, negative if past, clipped at "
+        f"{MOST_TIME:g}; 1 if the finger has such a press, if the key is black, if the hand leaps "
+        "before it, if it leaps after it, if the finger strikes the same key again at once; times "
+        "until the written note begins and ends, which leaps can shorten in the plan"
     )
     low = (*[-FARTHEST] * 3, 0.0, -MOST_TIME, -MOST_TIME, *[0.0] * 5, -MOST_TIME, -MOST_TIME)
     high = (*[FARTHEST] * 3, 1.0, MOST_TIME, MOST_TIME, *[1.0] * 5, MOST_TIME, MOST_TIME)
@@ -327,9 +327,9 @@ class _Keys(Block):
     name = "keys"
     unit = "1 (9), cm"
     meaning = (
-        "for the key that is nearest to each fingertip, and its neighbours on the thumb's and on "
-        "the little finger's side (in the order neighbour, key, neighbour): angles over their "
-        "largest angles; 1 for those that should sound; 1 for black ones; then how far the key is "
+        "for the key nearest to each fingertip and its neighbours on the thumb's and on the little "
+        "finger's side (in the order neighbour, key, neighbour): angles over their largest angles; "
+        "1 if due; 1 if black; then the distance from the fingertip to the nearest key, positive "
         "to the little finger's side"
     )
     low = (*[0.0] * 9, -200.0)
@@ -339,7 +339,7 @@ class _Keys(Block):
         places, sign = KeyPlaces.of(scene).y, _signs(scene)
         self.shape = (len(scene.hand.fingers), 10)
         self._places, self._sign = places, sign
-        # The nearest key for each millimetre across the keyboard, and where that begins, m.
+        # The nearest key for each millimetre across the keyboard, and the start of the grid, m.
         cells = np.arange(places[0], places[-1], _GRID) + _GRID / 2
         self.nearest = np.abs(cells[:, None] - places).argmin(axis=1)
         self.lowest = float(places[0])
@@ -370,8 +370,8 @@ class _Places(Block):
     shape = PLACES_AHEAD.shape
     unit = "dm"
     meaning = (
-        "how far the hand is wanted to the little finger's side of where its arm is, in the states "
-        f"after {_listed(PLACES_AHEAD)} control steps"
+        "target place of the hand relative to the arm, positive to the little finger's side, in "
+        f"the states after {_listed(PLACES_AHEAD)} control steps"
     )
     low, high = -FARTHEST, FARTHEST
 
@@ -398,8 +398,8 @@ class _Line(Block):
     shape = LINE_AHEAD.shape
     unit = "dm"
     meaning = (
-        "how far to the little finger's side the arm has to stay, from where it is, in the states "
-        f"after {_listed(LINE_AHEAD)} control steps"
+        "bound that the arm must stay beyond, relative to the arm, positive to the little finger's "
+        f"side, in the states after {_listed(LINE_AHEAD)} control steps"
     )
     low, high = -FARTHEST, FARTHEST
 
@@ -413,7 +413,7 @@ class _Line(Block):
 class _OtherArm(Block):
     name = "other_arm"
     unit = "dm"
-    meaning = "how far the right arm is to the right of the left one"
+    meaning = "distance from the left arm to the right arm, positive to the right"
     low, high = -FARTHEST, FARTHEST
 
     def write(self, out: Float32Array, now: _Moment) -> None:
@@ -423,21 +423,21 @@ class _OtherArm(Block):
 _BODY = (_Positions, _Velocities, _Fingertips)
 _MUSIC = (_Frames, _Presses, _Keys, _Places, _Busy, _Line, _OtherArm)
 _BLOCKS = (*_BODY, *_MUSIC)
-"""The blocks of a hand in their order."""
+"""Blocks of a hand in order."""
 
 _KEY, _TIMES, _POINT, _THERE = 0, slice(1, 3), slice(3, 6), 6
 _FACTS, _WRITTEN, _COLUMNS = slice(6, 11), slice(11, 13), 13
 
 
 def _shown_presses(hand: HandReading, roll: PianoRoll) -> FloatArray:
-    """Return in each of T states each finger's press under way or else the next, and that after it.
+    """Tabulate each finger's present or next press and the one after it, in each of T states.
 
     Returns:
-        (T, 2, f, 13): its key; states until the first and the last one in which it must be down,
-        negative where they are over; where the fingertip is when it is down, m; 1 if there is one,
-        if it is black, if the hand came by a leap, if it leaves by one, if the same finger strikes
-        the key again at once; when its note begins and ends as it is written, s from the start.
-        All 0 if there is none.
+        (T, 2, f, 13): the key; states until the first and the last one in which it must be down,
+        negative if past; place of the fingertip when the key is down, m; 1 if the finger has such a
+        press, if the key is black, if the hand leaps before it, if it leaps after it, if the finger
+        strikes the same key again at once; begin and end of the written note, s from the start.
+        All 0 without such a press.
     """
     steps, fingers = len(roll), hand.frames.target.shape[1]
     onsets = {(step, key): time for step, key, time in roll.strikes()}

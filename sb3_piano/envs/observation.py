@@ -1,4 +1,4 @@
-"""The observation as a described vector, and what of it belongs to a range of keys."""
+"""Layout of the observation vector, and its restriction to a range of keys."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from sb3_piano.music.pitch import pitch_name
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObservationBlock:
-    """One named part of the observation vector."""
+    """Description of one named part of the observation vector."""
 
     name: str
-    """Name by which wrappers cut the block."""
+    """Name of the block, by which wrappers find it."""
     shape: tuple[int, ...]
-    """Shape of the block before it was flattened (row-major)."""
+    """Shape of the block before flattening (row-major)."""
     unit: str = "1"
     """Unit of its numbers; "1" for pure numbers."""
     meaning: str
-    """Meaning of its numbers, in a sentence."""
+    """Meaning of its numbers, in one sentence."""
     low: npt.ArrayLike = 0.0
     """Least value of its numbers; broadcast to the shape."""
     high: npt.ArrayLike = 1.0
     """Greatest value of its numbers; broadcast to the shape."""
     binary: bool = False
-    """Whether its numbers are only ever 0 or 1."""
+    """Whether its numbers are always 0 or 1."""
     columns: IntArray | None = None
-    """(n,) for a block that was cut, which indices of its last axis remain; ``None`` if all do."""
+    """(n,) remaining indices of the last axis of a restricted block; ``None`` if all remain."""
     start: int = 0
     """First index in the observation vector."""
 
@@ -53,21 +53,21 @@ class ObservationBlock:
 
     @property
     def all_columns(self) -> IntArray:
-        """(n,) which indices of its last axis, before the block was cut, it still has."""
+        """(n,) remaining indices of its last axis before any restriction."""
         return np.arange(self.shape[-1]) if self.columns is None else self.columns
 
     def restrict(self, kept: IntArray) -> ObservationBlock:
-        """Return the block with only the given indices of its last axis."""
+        """Restrict the block to some indices of its last axis."""
         low, high = (np.broadcast_to(b, self.shape)[..., kept] for b in (self.low, self.high))
         shape, columns = (*self.shape[:-1], len(kept)), self.all_columns[kept]
         return dataclasses.replace(self, shape=shape, low=low, high=high, columns=columns)
 
 
 class ObservationLayout(Mapping[str, ObservationBlock]):
-    """The blocks of an observation vector by name, in their order, without gaps."""
+    """Mapping of the blocks of an observation vector by name, in order and without gaps."""
 
     def __init__(self, blocks: Iterable[ObservationBlock]):
-        """Lay out blocks one after the other, wherever they stood before.
+        """Lay out blocks one after the other; their former ``start`` is ignored.
 
         Raises:
             ConfigError: If two have one name.
@@ -78,7 +78,7 @@ class ObservationLayout(Mapping[str, ObservationBlock]):
             if block.name in self._blocks:
                 raise ConfigError(
                     f"Two blocks of the observation are called {block.name!r}: expected names that "
-                    "differ. A wrapper that adds a block can be there only once."
+                    "differ. A wrapper that adds a block can be used only once."
                 )
             self._blocks[block.name] = dataclasses.replace(block, start=start)
             start += block.size
@@ -99,7 +99,7 @@ class ObservationLayout(Mapping[str, ObservationBlock]):
         return f"ObservationLayout({blocks})"
 
     def restrict(self, kept: Mapping[str, IntArray]) -> tuple[ObservationLayout, IntArray]:
-        """Keep some indices of the last axis of blocks, by name, such as the keys of the goal.
+        """Restrict blocks, by name, to some indices of their last axis, such as keys of the goal.
 
         Returns:
             The layout of the shorter vector, and (its size,) the indices of its numbers in the
@@ -116,10 +116,10 @@ class ObservationLayout(Mapping[str, ObservationBlock]):
 
 
 class ObservationSpace(spaces.Box):
-    """A flat ``Box`` of float32 that knows its blocks.
+    """Flat ``Box`` of float32 with the layout of its blocks.
 
-    Whoever gets only a space from Stable-Baselines3 (a feature extractor, a replay buffer) can ask
-    it for ``layout``. A wrapper that puts an ordinary ``Box`` in its place hides the layout.
+    Feature extractors and replay buffers, which get only a space from Stable-Baselines3, can read
+    its ``layout``. A wrapper that replaces it by an ordinary ``Box`` hides the layout.
     """
 
     def __init__(self, layout: ObservationLayout):
@@ -135,12 +135,12 @@ class ObservationSpace(spaces.Box):
         )
         super().__init__(low, high, dtype=np.float32)
         self.layout = layout
-        """The layout: name, place and meaning of each block."""
+        """Layout: name, place and meaning of each block."""
 
 
 @dataclass(frozen=True)
 class KeyWindow:
-    """The keys ``first`` to ``last``, both included, of 0 (A0) to 87 (C8)."""
+    """Range of keys from ``first`` to ``last``, inclusive, of 0 (A0) to 87 (C8)."""
 
     first: int
     """Lowest key."""
@@ -149,12 +149,12 @@ class KeyWindow:
 
     @classmethod
     def of(cls, roll: PianoRoll, margin: int) -> KeyWindow:
-        """Return the keys that a piece uses, and up to ``margin`` more on either side."""
+        """Make the window of a piece's keys and up to ``margin`` more on either side."""
         return cls.around(used_keys(roll), margin)
 
     @classmethod
     def around(cls, keys: Iterable[int], margin: int) -> KeyWindow:
-        """Return some keys with all between them and up to ``margin`` more on either side.
+        """Make the window around some keys with up to ``margin`` more on either side.
 
         Without any keys it is the whole keyboard.
         """
@@ -165,7 +165,7 @@ class KeyWindow:
 
     @property
     def slice(self) -> slice:
-        """The window's keys among all keys."""
+        """Slice of the window's keys among all keys."""
         return slice(self.first, self.last + 1)
 
     def __len__(self) -> int:
@@ -178,10 +178,10 @@ class KeyWindow:
     def check_keys(
         self, keys: Iterable[int], instead: str = "an environment made for this one"
     ) -> None:
-        """Make sure that the keys of a piece lie in the window; messages tell what to take instead.
+        """Check that the keys of a piece lie in the window; messages recommend ``instead``.
 
         Raises:
-            ScoreError: If some do not; the message names the notes.
+            ScoreError: If some do not. The message names the notes.
         """
         beyond = [
             key + MIN_PITCH for key in sorted(set(keys)) if not self.first <= key <= self.last
@@ -194,12 +194,12 @@ class KeyWindow:
             )
 
     def restrict(self, layout: ObservationLayout) -> tuple[ObservationLayout, IntArray]:
-        """Return what remains of a layout with one number per key, see its ``restrict``.
+        """Restrict the goal and the key state of a layout to the window; see its ``restrict``.
 
-        Its goal and its key state may have been cut before.
+        Both blocks may have been restricted before.
 
         Raises:
-            ConfigError: If it does not have all keys of the window.
+            ConfigError: If the layout lacks keys of the window.
         """
         keys = np.arange(self.first, self.last + 1)
         goal, key_state = layout["goal"], layout["key_state"]
@@ -210,14 +210,14 @@ class KeyWindow:
         return layout.restrict(kept)
 
     def _positions(self, block: ObservationBlock, wanted: IntArray) -> IntArray:
-        """Return where columns of an uncut block stand in what remains of it."""
+        """Find the positions of an unrestricted block's columns in the restricted block."""
         position = {column: index for index, column in enumerate(block.all_columns.tolist())}
         missing = [column for column in wanted.tolist() if column not in position]
         if missing:
             raise ConfigError(
-                f"The keys {self} cannot be cut out of the block {block.name!r}, from which "
+                f"The keys {self} cannot be cut out of the block {block.name!r}: "
                 f"{len(missing)} of them were cut before, such as "
-                f"{pitch_name(missing[0] + MIN_PITCH)}: expected keys that it shows."
+                f"{pitch_name(missing[0] + MIN_PITCH)}. Expected keys that the block shows."
             )
         return np.array([position[column] for column in wanted.tolist()])
 
@@ -227,6 +227,6 @@ ALL_KEYS = KeyWindow(0, NUM_KEYS - 1)
 
 
 def used_keys(roll: PianoRoll) -> list[int]:
-    """Return the keys, 0 to 87, that are due at any step of a piece."""
+    """Find the keys, 0 to 87, that are due in any step of a piece."""
     used: list[int] = np.flatnonzero(roll.active.any(axis=0)).tolist()
     return used

@@ -1,4 +1,4 @@
-"""The piano environment: a score becomes a goal, two hands chase it."""
+"""Gymnasium environment in which simulated hands play a score."""
 
 from __future__ import annotations
 
@@ -42,92 +42,91 @@ Observation = npt.NDArray[np.float32]
 # RoboPianist's range for the random offset of both hands along the keyboard, m.
 _HAND_OFFSET = 0.05
 
-# How many keys the window shows beyond those of the piece, on either side: what a finger that
-# misses is likely to press.
+# Keys that the window shows beyond those of the piece on either side. A finger that misses is
+# likely to press one of them.
 _WINDOW_MARGIN = 3
 
 
 class PianoEnv(gym.Env[Any, Any]):
-    """Two simulated hands, or one of them, play a score on a keyboard of 88 keys.
+    """Environment in which one or two simulated hands play a score on a keyboard of 88 keys.
 
     ## Action space
 
     A ``Box(-1, 1, (39,), float32)``, or ``(45,)`` with ``reduced_action_space=False``: the target
     positions of the right hand's actuators (wrist, thumb, index to little finger, then the sliders
     along the keyboard and towards its hinges), the left hand's, and the sustain pedal last. -1 and
-    1 are the ends of each actuator's control range; the pedal is down from 0 on. Values outside are
-    clipped. A hand that is alone (``hands_in_scene="right"``) has 20 numbers, or 23. These are
-    Shadow hands; another ``hand`` has as many numbers as actuators.
+    1 are the ends of each actuator's control range. The pedal is down at 0 and above. Values
+    outside are clipped. A single hand (``hands_in_scene="right"``) has 20 numbers, or 23. These
+    sizes are the Shadow hands'; another ``hand`` has one number for each actuator.
 
     ## Observation space
 
-    A flat ``Box`` of float32 in RoboPianist's order. ``env.unwrapped.observation_layout`` gives
-    each block's slice, shape, unit and meaning. With the default options:
+    A flat ``Box`` of float32 in RoboPianist's order. ``env.unwrapped.observation_layout`` has each
+    block's slice, shape, unit and meaning. With the default options:
 
     | block | numbers | meaning |
     |---|---|---|
-    | goal | 0-978 | 11 rows (this control step and 10 to come) of 88 keys and the pedal |
+    | goal | 0-978 | 11 rows (this control step and the next 10) of 88 keys and the pedal |
     | fingering | 979-988 | fingers labelled to press now, right thumb to little, then left |
     | key_state | 989-1076 | key angles over their largest angle |
     | sustain | 1077 | the pedal's command in [0, 1] |
     | right_joints | 1078-1100 | right hand's joint positions, rad; its two sliders last, m |
     | left_joints | 1101-1123 | left hand's |
 
-    In a scene with one hand the other's joints and fingers are not there: 1,096 numbers.
+    A scene with one hand lacks the joints and fingers of the other: 1,096 numbers.
 
-    ``observation="window"`` leaves out the keys that are more than three keys away from all that
-    the piece needs: goal and key_state become as much narrower. It refuses pieces that go beyond.
+    ``observation="window"`` shows only the keys from three below the piece's lowest key to three
+    above its highest, in goal and key_state. Pieces with keys outside the window are refused.
 
     ``observation="fingers"`` has 130 numbers (67 for one hand) and needs finger labels for all
     notes. Each finger has eight: the vector from its tip to the point where it must press next,
-    that key's depth, whether there is such a key within the lookahead, the times until it must be
-    down and up again, and whether it is black. Then come whether the pedal should be down and when
-    that changes, the pedal's command, the number of wrong keys that sound, and the joints.
+    that key's depth, whether it has such a key within the lookahead, the times until the key must
+    be down and up again, and whether the key is black. The rest: whether the pedal should be down,
+    when that changes, the pedal's command, the number of wrong keys that sound, and the joints.
 
-    ``observation="hands"`` has parts of equal meaning, one for each hand, both seen as right
-    hands: joints and their speeds, fingertips, the ways to where they are wanted next, two presses
-    of each finger with their times, the keys around each fingertip, and where the arm is wanted.
-    All of it follows from the piece as a whole, which is read when an episode begins. It needs
-    fingers, too; :class:`~sb3_piano.wrappers.HandActions` are the actions that go with it.
+    ``observation="hands"`` has two equal parts, one for each hand; the left hand is mirrored. Each
+    part has joints and their speeds, fingertips, vectors to their next targets, two presses of each
+    finger with their times, the keys around each fingertip, and the arm's next targets. They are
+    computed from the whole piece when an episode begins. This observation needs finger labels, too.
+    :class:`~sb3_piano.wrappers.HandActions` are the matching actions.
 
-    ``observation_blocks`` puts blocks of your own at the end, see :class:`~sb3_piano.envs.Block`.
+    ``observation_blocks`` adds your own blocks at the end, see :class:`~sb3_piano.envs.Block`.
 
     ## Reward
 
-    The sum of the named terms of :mod:`sb3_piano.envs.terms` times their weights. They compare
-    the state after a control step with the goal at its beginning; ``strike``, whose weight is 0
-    unless ``reward_weights`` says otherwise, counts strikes in time. ``reward_terms`` adds terms of
-    your own. Each step's ``info`` has the unweighted terms in ``info["reward_terms"]``, those of
-    weight 0, too.
+    The sum of the named terms of :mod:`sb3_piano.envs.terms` times their weights. The terms compare
+    the state after a control step with the goal at its beginning. ``strike`` counts strikes in
+    time; its weight is 0 unless ``reward_weights`` sets it. ``reward_terms`` adds your own terms.
+    Each step's ``info["reward_terms"]`` has all unweighted terms, including those of weight 0.
 
     ## Start and end
 
     An episode starts with all joints at 0. It is truncated at the end of the score; it terminates
     early only with ``wrong_press_termination``. The final ``info`` has, as plain numbers, the
     metrics of :data:`sb3_piano.metrics.EPISODE_METRICS` and ``return_<term>``, the episode's sum
-    of each weighted term. A ``TimeLimit`` around it (``max_episode_steps``) is an end like that
-    of the score: the numbers are those of the steps that were played. Where another wrapper ends
-    it, ``info["f1"]`` and the others are looked up when they are asked for.
+    of each weighted term. A ``TimeLimit`` around the environment (``max_episode_steps``) ends the
+    episode like the score's end; the metrics then cover the steps that were played. If another
+    wrapper ends it, ``info["f1"]`` and the others are computed on access.
 
     ## Attributes
 
     ``model`` and ``data`` are MuJoCo's own and may be changed; after a change to positions or
-    velocities call ``mujoco.mj_step1(env.model, env.data)`` before the next step. ``scene`` knows
-    where in them everything stands, ``action_map`` what actions tell the actuators. ``score``,
-    ``roll``, ``key_active``, ``performance``, ``get_state`` and ``set_state`` tell and restore
-    where the episode is.
+    velocities call ``mujoco.mj_step1(env.model, env.data)`` before the next step. ``scene`` has the
+    indices of bodies, joints and actuators in them. ``action_map`` maps actions to control targets.
+    ``score``, ``roll``, ``key_active``, ``performance`` and ``get_state`` describe the episode's
+    state; ``set_state`` restores it.
 
     ## Options
 
-    ``score`` is what is played unless ``reset(options={"score": ...})`` names another score for one
-    episode: a ``Score``, the path of a file such as a MIDI file, or a piece's name. The option
-    ``transform`` of ``reset`` is a function that changes it, such as those of
-    :mod:`sb3_piano.wrappers`. What may be chosen about a generated study (``tempo``, ``hands``...:
-    ``sb3-piano pieces show NAME`` tells) is a keyword argument, too. All others are the fields of
+    ``score`` is a ``Score``, the path of a file such as a MIDI file, or a piece's name.
+    ``reset(options={"score": ...})`` replaces it for one episode. The option ``transform`` of
+    ``reset`` is a function that changes the score, such as those of :mod:`sb3_piano.wrappers`. The
+    options of a generated study (``tempo``, ``hands``...; ``sb3-piano pieces show NAME`` lists
+    them) are keyword arguments, too. All others are the fields of
     :class:`~sb3_piano.envs.PianoEnvConfig`.
 
-    With ``render_mode="human"`` each step is shown in a window, in real time; ``"rgb_array"`` lets
-    :meth:`render` return a picture.
+    ``render_mode="human"`` shows each step in a window, in real time. With ``"rgb_array"``,
+    :meth:`render` returns a picture.
 
     ## Version history
 
@@ -151,11 +150,11 @@ class PianoEnv(gym.Env[Any, Any]):
         self.piece_options: dict[str, Any] = {
             name: value for name, value in options.items() if name not in left or name == "hands"
         }
-        """What was chosen of a generated study, by name, such as its tempo."""
+        """Chosen options of a generated study by name, such as its tempo."""
         self.config = PianoEnvConfig.from_options(left)
-        # Here with labels from a file, too, which only this score is known to belong to; other
-        # scores get their fingers as goals, and so do all those of the robot, which fit the tempo
-        # at which a piece is played.
+        # Labels from a file belong to this score only, so they are applied here. Other scores get
+        # their fingers in `Goal`. So does every score with the robot's fingers, because these
+        # depend on the tempo of the episode.
         fingering = self.config.fingering
         if fingering not in FINGERINGS:
             robot = find_hand(self.config.hand)
@@ -176,39 +175,39 @@ class PianoEnv(gym.Env[Any, Any]):
         self.action_space = self.action_map.space
         self.observation_space = ObservationSpace(self._encoding.layout)
         self.total_steps = 0
-        """Control steps played since this environment was made. Schedules go by it; a training that
-        is resumed sets it to what was played before."""
+        """Control steps played since this environment was made. Schedules depend on it; a resumed
+        training sets it to the former count."""
 
-    # What is played, and where the episode stands.
+    # Score and progress of the episode.
 
     @property
     def default_score(self) -> Score:
-        """The score that is played if ``reset`` names no other."""
+        """The score played if ``reset`` names no other."""
         return self._default_score
 
     @property
     def score(self) -> Score:
-        """The score of this episode, with its fingering (before silence is trimmed)."""
+        """Score of this episode with its fingering, before silence is trimmed."""
         return self._goal.score
 
     @property
     def roll(self) -> PianoRoll:
-        """The score over control steps, as it should be played in this episode."""
+        """Piano roll of this episode: the score cut into control steps."""
         return self._goal.roll
 
     @property
     def asked_roll(self) -> PianoRoll:
-        """What the observation shows and the reward asks for: ``roll``, unless ``goal_time``."""
+        """Piano roll of observation and reward: ``roll``, or shifted by ``goal_time="end"``."""
         return self._goal.asked
 
     @property
     def steps_played(self) -> int:
-        """Number of control steps of this episode that are over."""
+        """Number of finished control steps of this episode."""
         return self._record.steps
 
     @property
     def simulation(self) -> Simulation:
-        """The simulation, as it was last read, for those who look at every step."""
+        """The simulation as last read, for callers that read it at every step."""
         return self._simulation
 
     @property
@@ -218,7 +217,7 @@ class PianoEnv(gym.Env[Any, Any]):
 
     @property
     def encoding(self) -> Encoding:
-        """What writes the observations of this episode."""
+        """Encoding that writes the observations of this episode."""
         return self._encoding
 
     @property
@@ -239,7 +238,7 @@ class PianoEnv(gym.Env[Any, Any]):
 
     @property
     def performance(self) -> Performance:
-        """Performance in this episode so far."""
+        """Performance of this episode so far."""
         return self._record.performance()
 
     @property
@@ -249,30 +248,30 @@ class PianoEnv(gym.Env[Any, Any]):
 
     @property
     def rest_action(self) -> npt.NDArray[np.float32]:
-        """The action that plays nothing: it holds all joints at 0 (or as near as they can be)."""
+        """Action that plays nothing: all joints at 0, or as near as their ranges allow."""
         return self.action_map.rest
 
     def own_part(self, score: Score) -> Score:
-        """Return the notes of a score that would be played here; the score itself if all would.
+        """Return a score's notes for the hands that play here; the score itself if these are all.
 
         Raises:
-            ScoreError: If none would, by the options ``hands`` and ``hands_in_scene``.
+            ScoreError: If no note is left under the options ``hands`` and ``hands_in_scene``.
         """
         return part_of_hands(score, self.config)
 
     def fix_keys(self, first: int, last: int) -> None:
-        """Let only the keys from ``first`` to ``last`` move; all others are rigid from now on.
+        """Make all keys rigid except those from ``first`` to ``last``.
 
-        The fewer keys move, the faster are the physics steps. Scene, model and data are built anew:
-        changes made to them are lost, and the next call must be ``reset``. Saved states belong to
-        the keys that moved when they were saved.
+        Fewer moving keys make physics steps faster. Scene, model and data are built anew: changes
+        made to them are lost, and the next call must be ``reset``. A saved state fits only the
+        moving keys that it was saved with.
 
         Args:
-            first: The lowest key that moves, 0 to 87.
-            last: The highest, ``first`` to 87.
+            first: Lowest key that moves, 0 to 87.
+            last: Highest key that moves, ``first`` to 87.
 
         Raises:
-            ConfigError: If there are no such keys, or no hands: then keys are what acts.
+            ConfigError: If the keys do not exist, or the scene has driven keys in place of hands.
         """
         if not self.scene.sides:
             raise ConfigError(
@@ -291,22 +290,22 @@ class PianoEnv(gym.Env[Any, Any]):
 
         Args:
             seed: Seeds the environment's random generator.
-            options: ``"score"``: another score for this episode. ``"transform"``: a function of the
-                score and of the environment's random generator that returns what is played in
-                its place.
+            options: ``"score"``: another score for this episode. ``"transform"``: a function that
+                takes the score and the environment's random generator and returns the score to
+                play.
 
         Raises:
             ConfigError: If ``options`` has an unknown key, or the transform returns no score.
             ScoreError: If the score cannot be read or played.
         """
-        self._finished = True  # if this fails, too: nobody plays on in an episode that was left
+        self._finished = True  # also if this fails: step() must not continue the old episode
         super().reset(seed=seed)
         self._limits = time_limits(self)
         self._set_score(chosen_score(options or {}, self._default_score, self.np_random))
         self._clear_episode()
         if self.config.randomize_hand_positions:
-            # RoboPianist moves the bases of both hands; moving the sliders that stand on them
-            # starts the hands in the same place and leaves their reach and the model unchanged.
+            # RoboPianist moves the bases of both hands. Moving their sliders instead starts the
+            # hands in the same place, and leaves their reach and the model unchanged.
             offset = self.np_random.uniform(-_HAND_OFFSET, _HAND_OFFSET)
             self.data.qpos[self.scene.slider_qpos] = offset
         mujoco.mj_step1(self.model, self.data)
@@ -321,7 +320,7 @@ class PianoEnv(gym.Env[Any, Any]):
         """Play one control step.
 
         Args:
-            action: Shape of the action space, in [-1, 1].
+            action: Numbers in [-1, 1], in the shape of the action space.
 
         Returns:
             Observation, reward, terminated, truncated, info.
@@ -334,7 +333,7 @@ class PianoEnv(gym.Env[Any, Any]):
         if self._finished:
             raise EnvStateError("No episode is under way: call reset() before step().")
         controls, self._pedal = self.action_map.controls(action)
-        self._finished = True  # if this fails, too
+        self._finished = True  # also if this fails
         before = self.data.ctrl.copy()
         if not self._simulation.advance(controls):
             raise SimulationDivergedError(
@@ -365,12 +364,12 @@ class PianoEnv(gym.Env[Any, Any]):
         return observation, sum(weighted), terminated, truncated, info
 
     def reward_terms(self, step: int) -> dict[str, float]:
-        """Return the unweighted reward terms of the present state under the goal of a step.
+        """Compute the unweighted reward terms of the present state under the goal of a step.
 
-        ``strike`` is not among them, which no state can tell, nor are terms of your own.
+        ``strike`` is left out, as it does not follow from a state, and so are your own terms.
 
         Args:
-            step: Control step whose goal is compared with the state, 0 to ``len(roll) - 1``.
+            step: Control step of the goal, 0 to ``len(roll) - 1``.
         """
         self._simulation.read()
         seen = self._seen(step, self.data.ctrl, self.data.ctrl)
@@ -378,17 +377,17 @@ class PianoEnv(gym.Env[Any, Any]):
         return {name: value(seen) for name, value in self._terms.items() if name not in other}
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Draw the scene, fingertips, due keys and notes in the colours of their fingers.
+        """Draw the scene, with fingertips, due keys and notes in the colours of their fingers.
 
-        Keys that sound are green, or red if they are not due. A window is opened by the first call,
-        and waits until the step is due; ``reset`` and ``step`` call this then.
+        Keys that sound are green, or red if they are not due. In the mode "human" the first call
+        opens a window, ``reset`` and ``step`` call this method, and it keeps to real time.
 
         Returns:
             (height, width, 3) uint8; ``None`` in a window, and without a render mode.
 
         Raises:
-            RenderingError: If this machine cannot draw, or there is no screen for a window; the
-                message says what to do.
+            RenderingError: If this machine cannot draw, or has no screen for a window. The message
+                says how to fix it.
         """
         if self.render_mode is None:
             return None
@@ -406,15 +405,15 @@ class PianoEnv(gym.Env[Any, Any]):
         return self._renderer.render(self._goal.roll, self.score.title, seen)
 
     def close(self) -> None:
-        """Free the drawing context, or close the window, if there is one."""
+        """Free the drawing context or close the window, if open."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
-    # The state, to be saved and put back.
+    # Saving and restoring the state.
 
     def get_state(self) -> EnvState:
-        """Return the state of the physics and of the episode (not the random generator's)."""
+        """Return the state of physics and episode, without the random generator's."""
         physics = self._simulation.get_state()
         return self._record.save(
             physics=physics,
@@ -424,16 +423,16 @@ class PianoEnv(gym.Env[Any, Any]):
         )
 
     def set_state(self, state: EnvState) -> Observation:
-        """Go back to a state; steps from there repeat exactly what they did before.
+        """Restore a state. The same actions then give exactly the same steps.
 
         Args:
-            state: From :meth:`get_state` of this env, or of one with equal options.
+            state: From :meth:`get_state` of this environment, or of one with equal options.
 
         Returns:
             The observation in that state.
 
         Raises:
-            EnvStateError: If the state belongs to an environment with other options, or is none.
+            EnvStateError: If ``state`` is no state, or from an environment with other options.
         """
         if not isinstance(state, EnvState):
             raise EnvStateError(
@@ -454,10 +453,10 @@ class PianoEnv(gym.Env[Any, Any]):
         return self._observation()
 
     def snapshot(self) -> Snapshot:
-        """Return the present moment of the episode, for searches that go back to it many times.
+        """Return the present state of the episode, for searches that restore it many times.
 
-        It costs less than :meth:`get_state`, but means nothing outside of this environment, in this
-        episode, and of deep copies that were made of it in this episode.
+        It is cheaper than :meth:`get_state`, but valid only in this environment, in this episode,
+        and in deep copies of the environment made in this episode.
         """
         return Snapshot(
             physics=self._simulation.get_state(),
@@ -468,7 +467,7 @@ class PianoEnv(gym.Env[Any, Any]):
         )
 
     def go_back(self, moment: Snapshot) -> None:
-        """Go back to a moment; steps from there repeat exactly what they did before.
+        """Restore a snapshot. The same actions then give exactly the same steps.
 
         Raises:
             EnvStateError: If it belongs to another simulation model.
@@ -484,12 +483,12 @@ class PianoEnv(gym.Env[Any, Any]):
         self.total_steps = moment.total_steps
 
     def __getstate__(self) -> dict[str, Any]:
-        # Neither a drawing context nor a reference to a wrapper can be copied; of windows there is
-        # one, so that copies are not shown.
+        # A drawing context or a weak reference to a wrapper cannot be copied. Only one environment
+        # has the window, so copies have no render mode.
         mode = None if self.render_mode == "human" else self.render_mode
         return {**self.__dict__, "_renderer": None, "_limits": (), "render_mode": mode}
 
-    # How it works.
+    # Internals.
 
     def _open_renderer(self) -> HumanRenderer | PerformanceRenderer:
         config = self.config
@@ -512,7 +511,7 @@ class PianoEnv(gym.Env[Any, Any]):
             )
 
     def _build(self, moving: KeyWindow) -> None:
-        """Make the simulation, and all that knows its joints."""
+        """Make the simulation and all objects that depend on its joints."""
         config = self.config
         self.scene = compile_scene(
             reduced_action_space=config.reduced_action_space,
@@ -563,7 +562,7 @@ class PianoEnv(gym.Env[Any, Any]):
 
 
 def _make_encoding(config: PianoEnvConfig, scene: PianoScene, roll: PianoRoll) -> Encoding:
-    """Return what writes the observations; a window of keys is cut for the roll."""
+    """Make the encoding of the observations; the roll decides a window of keys."""
     if config.observation == "hands":
         return HandEncoding(scene, config)
     if config.observation == "fingers":

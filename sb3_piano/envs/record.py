@@ -1,4 +1,4 @@
-"""The record of an episode: what sounded and was earned in each control step; and saved moments."""
+"""Record of an episode (keys, pedal, fingertips, rewards), and saved states."""
 
 from __future__ import annotations
 
@@ -26,47 +26,47 @@ from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation
 
-# Physics steps of which no more than this are kept as angles, which take eight times the memory.
+# Most physics steps kept as key angles, which take eight times the memory of booleans.
 _MANY = 2000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EnvState:
-    """The physics and the episode's progress, from ``PianoEnv.get_state``; a copy, picklable."""
+    """Picklable copy of physics and episode progress, from ``PianoEnv.get_state``."""
 
     physics: FloatArray
     """MuJoCo's integration state."""
     score: Score
-    """Score of the episode, as it was before the environment found fingers for it."""
+    """Score of the episode before the environment applied a fingering."""
     finished: bool
     """Whether the episode has ended."""
     pedal: float
     """The pedal's command in [0, 1]."""
     key_active: BoolArray
-    """(step, 88) bool, keys that sounded after each control step."""
+    """(step, 88) bool, keys sounding after each control step."""
     sustain: BoolArray
     """(step,) bool, whether the pedal was down."""
     fingertips: FloatArray
     """(step, 10, 3) positions of the fingertips after each control step, m."""
     within: Mapping[int, BoolArray]
-    """By control step in which a key went down or up: (p, 88) bool, keys that sounded after each of
-    its p physics steps."""
+    """By control step in which a key went down or up: (p, 88) bool, keys sounding after each of its
+    p physics steps."""
     returns: FloatArray
-    """(n,) sums so far of the n weighted reward terms."""
+    """(n,) sums of the n weighted reward terms so far."""
     speeds: Mapping[int, FloatArray] = field(default_factory=dict)
-    """By the same control steps: (88,) speeds at which keys went down in them, rad/s; empty in
-    states that were saved without them."""
+    """By the same control steps: (88,) speeds of keys going down, rad/s; empty in states saved
+    without them."""
     simulation: str = ""
-    """Options that the physics go by; empty in states that were saved without them."""
+    """Options of the physics as text; empty in states saved without them."""
     terms: str = ""
-    """Names of the reward terms as text; empty in states that were saved without them."""
+    """Names of the reward terms as text; empty in states saved without them."""
 
     def check(self, simulation: str, terms: Sequence[str]) -> None:
-        """Raise an EnvStateError if the state was not saved in an environment with equal options.
+        """Raise an EnvStateError if the state is not from an environment with equal options.
 
         Args:
-            simulation: What :attr:`simulation` is there.
-            terms: Names of the reward terms there.
+            simulation: :attr:`simulation` of the environment.
+            terms: Names of the environment's reward terms.
         """
         steps = len(self.key_active) if isinstance(self.key_active, np.ndarray) else 0
         arrays: dict[str, tuple[str, tuple[int, ...], Any]] = {
@@ -93,7 +93,7 @@ class EnvState:
         wrong += [] if "pedal" in wrong or 0 <= self.pedal <= 1 else ["pedal"]
         if wrong or not all(isinstance(step, Integral) and 0 <= step < steps for step in within):
             raise EnvStateError(
-                f"The state's {wrong[0] if wrong else 'within'} is none of an episode of {steps} "
+                f"The state's {wrong[0] if wrong else 'within'} does not fit an episode of {steps} "
                 "steps: expected a state of an environment with the same options."
             )
         for saved, here in ((self.simulation, simulation), (self.terms, _told(terms))):
@@ -105,7 +105,7 @@ class EnvState:
 
     @property
     def step(self) -> int:
-        """Control steps that are over."""
+        """Number of finished control steps."""
         return len(self.key_active)
 
 
@@ -114,7 +114,7 @@ def _told(terms: Sequence[str]) -> str:
 
 
 class Snapshot(NamedTuple):
-    """A moment of an episode, from ``PianoEnv.snapshot``, for that environment and its copies."""
+    """State of an episode, from ``PianoEnv.snapshot``, for that environment and its copies."""
 
     physics: FloatArray
     """MuJoCo's integration state."""
@@ -125,43 +125,43 @@ class Snapshot(NamedTuple):
     pedal: float
     """The pedal's command in [0, 1]."""
     total_steps: int
-    """Control steps that the environment had played since it was made."""
+    """Control steps of the environment since it was made."""
 
 
 class EpisodeRecord:
-    """Grows by one control step at a time, up to the length of the roll."""
+    """Record of an episode, which grows by one control step at a time."""
 
     def __init__(self, goal: Goal, scene: PianoScene):
         """Begin an empty record."""
         self._goal = goal
         self._scene = scene
-        # Lists of what each step has, which grow faster than rows of an array are filled.
+        # Lists with an entry for each step: appending is faster than filling rows of an array.
         self._key_active: list[bytes] = []
         self._sustain: list[bool] = []
         self._fingertips: list[FloatArray] = []
-        self._sounding = bytes(NUM_KEYS)  # after the last step; the fastest way to compare them
-        # Steps in which a key changed, which keys sounded after each physics step of them, and how
-        # fast those went down that did.
+        self._sounding = bytes(NUM_KEYS)  # after the last step; bytes compare fastest
+        # Steps in which a key changed, the keys that sounded after each of their physics steps, and
+        # the speeds of the keys that went down.
         self._changes: list[int] = []
         self._within = np.zeros((0, 1, NUM_KEYS), dtype=bool)
         self._speeds = np.zeros((0, NUM_KEYS))
         self._returns = [0.0] * len(goal.terms)
         self._open = OpenOnsets(goal.roll)
         self.struck = (0, 0)
-        """Strikes of the step that was heard last: in time, and others."""
-        # What is yet to be put into these and the returns, which is faster for many steps at once.
+        """Strikes of the last step given to :meth:`hear`: in time, and others."""
+        # Not yet added to `_within` and `_returns`: adding many steps at once is faster.
         self._key_angles: list[bytes] = []
         self._weighted_terms: list[Sequence[float]] = []
 
     @property
     def steps(self) -> int:
-        """Control steps that are over."""
+        """Number of finished control steps."""
         return len(self._sustain)
 
     def hear(self, simulation: Simulation) -> None:
-        """Count the strikes in a control step that is yet to be added.
+        """Count the strikes in a control step before it is added.
 
-        A strike is what the metrics take for one, and at the same time.
+        Strikes and their times are the same as in the metrics.
         """
         self.struck = (0, 0)
         if simulation.sounding == self._sounding:
@@ -173,7 +173,7 @@ class EpisodeRecord:
 
     def _is_hit(self, key: int, simulation: Simulation) -> bool:
         step, timestep = self.steps, self._goal.roll.control_timestep
-        # When within the step decides in few cases, and takes ten times as long to find out.
+        # The time within the step rarely matters, and takes ten times as long to compute.
         is_hit = self._open.hit_within(key, step * timestep, (step + 1) * timestep)
         if is_hit is None:
             within = self._scene.sounding_at(simulation.key_angles)[None]
@@ -185,7 +185,7 @@ class EpisodeRecord:
     def add(
         self, simulation: Simulation, pedal_down: bool, weighted_terms: Sequence[float]
     ) -> None:
-        """Note down a control step, read at its end; terms are in the order of the goal's."""
+        """Add a control step, read at its end; terms are in the order of the goal's."""
         sounding = simulation.sounding
         if sounding != self._sounding:
             self._changes.append(len(self._sustain))
@@ -199,13 +199,13 @@ class EpisodeRecord:
         self._weighted_terms.append(weighted_terms)
 
     def f1(self) -> float | None:
-        """Return the F1 of the steps so far; ``None`` if there is none."""
+        """Compute the F1 of the steps so far; ``None`` before the first step."""
         if not self.steps:
             return None
         return frame_f1(self._goal.roll.active[: self.steps], self._rows())
 
     def performance(self) -> Performance:
-        """Return a copy of what was played so far."""
+        """Return the performance so far, as a copy."""
         roll, (key_active, sustain, fingertips) = self._goal.roll, self._arrays()
         presses, changes = presses_of(key_active), np.array(self._changes, dtype=np.intp)
         within = self._sounding_within()
@@ -222,7 +222,7 @@ class EpisodeRecord:
         )
 
     def summary(self) -> dict[str, float]:
-        """Return the music metrics and the returns by name, as they stand in the final ``info``."""
+        """Compute the music metrics and the returns by name, as in the final ``info``."""
         returns = self._sums()
         return {
             **self.performance().metrics(),
@@ -233,7 +233,7 @@ class EpisodeRecord:
     def save(
         self, *, physics: FloatArray, finished: bool, pedal: float, simulation: str
     ) -> EnvState:
-        """Return a copy of the episode so far, with what the environment adds to it."""
+        """Return a state of the episode so far, with the environment's own values."""
         key_active, sustain, fingertips = self._arrays()
         return EnvState(
             physics=physics,
@@ -251,7 +251,7 @@ class EpisodeRecord:
         )
 
     def fork(self) -> EpisodeRecord:
-        """Return the same record, to go on from here independently; what is over is shared."""
+        """Return an independent copy of the record; it shares the data of finished steps."""
         copied = copy.copy(self)
         for name in ("_key_active", "_sustain", "_fingertips", "_changes", "_key_angles"):
             setattr(copied, name, list(getattr(self, name)))
@@ -260,7 +260,7 @@ class EpisodeRecord:
         return copied
 
     def restore(self, state: EnvState) -> None:
-        """Take over the steps that another record saved."""
+        """Restore the steps of a saved state."""
         self._key_active = [keys.tobytes() for keys in state.key_active]
         self._sustain = state.sustain.tolist()
         self._fingertips = list(state.fingertips.copy())
@@ -286,7 +286,7 @@ class EpisodeRecord:
         return nearest_fingers(key_active, fingertips, KeyBoxes(*self._scene.key_boxes))
 
     def _sounding_within(self) -> BoolArray:
-        """Return which keys sounded after the p physics steps of the m ``_changes``, (m, p, 88)."""
+        """Return the keys sounding after the p physics steps of the m ``_changes``, (m, p, 88)."""
         if self._key_angles:
             former, steps = self._within, len(self._changes) - len(self._within)
             angles = self._scene.angles_of(self._key_angles).reshape(steps, -1, NUM_KEYS)
@@ -299,7 +299,7 @@ class EpisodeRecord:
         return self._within
 
     def _strike_speeds(self, presses: Presses, changes: IntArray) -> FloatArray:
-        """Return the speed of the key of each press as it went down, rad/s; NaN if not known."""
+        """Return the downward key speed of each press, rad/s; NaN if not known."""
         if len(changes) == 0:
             return np.full(len(presses.key), np.nan)
         row = np.minimum(np.searchsorted(changes, presses.first), len(changes) - 1)
@@ -307,7 +307,7 @@ class EpisodeRecord:
         return np.where(known, self._speeds[row, presses.key], np.nan)
 
     def _sums(self) -> list[float]:
-        """Return the sums of the weighted terms, added up step by step."""
+        """Sum the weighted terms, step by step."""
         if self._weighted_terms:
             columns = zip(self._returns, *self._weighted_terms, strict=True)
             self._returns = [functools.reduce(operator.add, column) for column in columns]
@@ -315,11 +315,11 @@ class EpisodeRecord:
         return self._returns
 
     def _rows(self) -> BoolArray:
-        """Return which keys sounded, (t, 88), read-only."""
+        """Return the keys that sounded, (t, 88), read-only."""
         return np.frombuffer(b"".join(self._key_active), dtype=bool).reshape(self.steps, NUM_KEYS)
 
     def _arrays(self) -> tuple[BoolArray, BoolArray, FloatArray]:
-        """Return which keys sounded (t, 88), the pedal (t,) and the fingertips (t, 10, 3)."""
+        """Return copies of sounding keys (t, 88), pedal (t,) and fingertips (t, 10, 3)."""
         steps = self.steps
         return (
             self._rows().copy(),

@@ -1,4 +1,4 @@
-"""Recorder of the bare environment while something plays in it."""
+"""Wrapper that records the episodes of the bare environment."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from sb3_piano.viewing.take import Motion, Take
 
 
 class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
-    """Record each episode when it ends, before a vector of environments resets it.
+    """Record each episode when it ends, before a vector environment resets it.
 
-    Put around the bare environment, it sees its own rewards, whatever wrappers further out do. If
-    one of those ends an episode earlier, the record is of the steps until then.
+    Around the bare environment it records the unchanged rewards, independent of outer wrappers. If
+    an outer wrapper ends an episode early, the record has the steps until then.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
         self.finished: list[Take] = []
-        """The episodes that ended, in their order; one that a wrapper further out ended is there
-        when the next one begins."""
+        """Finished episodes in order. An episode that an outer wrapper ended is added when the next
+        one begins."""
         self.resting = False
-        """Whether the hands rest, whatever action arrives (see :attr:`can_rest`)."""
+        """Whether each action is replaced by the rest action (see :attr:`can_rest`)."""
         self._return = 0.0
         self._length = 0
         self._qpos: list[npt.NDArray[np.float64]] = []
@@ -37,14 +37,14 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
 
     @property
     def can_rest(self) -> bool:
-        """Whether the environment names an action that plays nothing."""
+        """Whether the environment has a ``rest_action``, which plays nothing."""
         return hasattr(self.unwrapped, "rest_action")
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode."""
-        if self._length > 0:  # nothing here has ended the one before
+        if self._length > 0:  # an outer wrapper ended the previous episode
             env = self.unwrapped
             self._finish(env.summary if isinstance(env, PianoEnv) else {})
         result = self.env.reset(seed=seed, options=options)

@@ -1,4 +1,4 @@
-"""Score of an episode, chosen by the options of ``reset``."""
+"""Choice of an episode's score by the options of the environment and of ``reset``."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from sb3_piano.music.hands import Hand
 
 
 def own_score(source: ScoreSource, options: Mapping[str, Any]) -> tuple[Score, dict[str, Any]]:
-    """Return the score that an environment plays by itself, and the options that are left.
+    """Load an environment's default score; return it and the remaining options.
 
-    What may be chosen about a generated study (its tempo, its hands...) is an option of the
-    environment that plays it.
+    The options of a generated study (its tempo, its hands...) are options of the environment that
+    plays it.
 
     Raises:
         ConfigError: If an option of a study is out of range.
         ScoreError: If the score cannot be read.
-        UnknownPieceError: If there is no piece of this name.
+        UnknownPieceError: If no piece has this name.
     """
     if not isinstance(source, str) or is_path(source):
         return load_score(source), dict(options)
     piece = find_piece(source)
     chosen = {name: options[name] for name in piece.options if name in options}
-    # The environment has an option of the same name for all that it plays.
+    # The environment has an option `hands`, too, for all its scores.
     left = {name: value for name, value in options.items() if name not in chosen or name == "hands"}
     return piece.score(**chosen), left
 
 
 ScoreTransform = Callable[[Score, np.random.Generator], Score]
-"""Makes the score that is played of the one that would be, with a given source of randomness."""
+"""Function that changes the score of an episode, with a random generator."""
 
 
 def part_of_hands(score: Score, config: PianoEnvConfig) -> Score:
     """Return the notes of the hands that play; the score itself if these are all.
 
-    Which hands these are is for ``hands`` and ``hands_in_scene`` to say.
+    The options ``hands`` and ``hands_in_scene`` choose the hands.
 
     Raises:
         ScoreError: If no note is left.
@@ -60,7 +60,7 @@ def part_of_hands(score: Score, config: PianoEnvConfig) -> Score:
 
 
 def _of_hand(score: Score, hand: Hand) -> Score:
-    """Return the notes of a hand, who gets those of an unknown hand, too."""
+    """Return the notes of a hand, including those of an unknown hand."""
     notes = tuple(
         note if note.hand == hand else replace(note, hand=hand)
         for note in score.notes
@@ -78,19 +78,19 @@ _fingered = functools.lru_cache(maxsize=32)(apply_fingering)
 
 
 def fingered(score: Score, config: PianoEnvConfig, fingering: str | None = None) -> Score:
-    """Return a score with the fingering that an environment's option of this name asks for.
+    """Apply the fingering of an environment's option, or another one, to a score.
 
-    Labels from a file are left to whoever knows the score that they belong to. Another fingering
-    may be named in the option's place.
+    Labels from a file are not applied here, as they belong to one score only; the environment
+    applies them.
     """
     fingering = fingering or config.fingering
     if fingering not in FINGERINGS:
         return score
-    # A hand whose part alone is played keeps its notes, also where their fingers are forgotten.
+    # If one hand plays alone, its notes keep that hand when their fingers are removed.
     both = config.hands == "both" and len(config.sides) != 1
     if fingering == "optimal-transport" and not both:
         return without_fingers(score, keep_hands=True)
-    # Equal scores may differ in their bars, which make no difference to the fingers.
+    # The cache ignores bars: scores that compare equal may differ in them.
     robot = find_hand(config.hand)
     notes = _fingered(
         score, fingering, config.control_timestep, change_hands=both, robot=robot
@@ -99,7 +99,7 @@ def fingered(score: Score, config: PianoEnvConfig, fingering: str | None = None)
 
 
 def reset_options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Return the options of a ``reset``; a ConfigError tells that they are none."""
+    """Check that the options of a ``reset`` are a mapping; else raise a ConfigError."""
     if not isinstance(options or {}, Mapping):
         raise ConfigError(
             f"The options of reset are {reprlib.repr(options)}: expected a dictionary with 'score' "
@@ -109,12 +109,12 @@ def reset_options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
 
 
 def chosen_score(options: Mapping[str, Any], default: Score, random: np.random.Generator) -> Score:
-    """Return the score of an episode.
+    """Choose the score of an episode.
 
     Args:
         options: ``"score"``: a source to play in place of the default. ``"transform"``: a
             :data:`ScoreTransform` that changes it.
-        default: What is played without options.
+        default: Score without options.
         random: The environment's random generator.
 
     Raises:

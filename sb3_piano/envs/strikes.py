@@ -1,4 +1,4 @@
-"""Strikes and the notes that they hit, told as an episode goes on."""
+"""Matching of strikes to notes during an episode."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from sb3_piano.music import PianoRoll
 
 
 class OpenOnsets:
-    """The onsets of a piece that no strike has hit yet.
+    """Onsets of a piece that no strike has hit yet.
 
     The onset metric pairs strikes and onsets when all strikes are known
-    (:func:`~sb3_piano.metrics.match_onsets`); here each strike takes the nearest onset that is
-    left. The two differ only where strikes of one key are closer than twice the tolerance.
+    (:func:`~sb3_piano.metrics.match_onsets`). Here each strike takes the nearest open onset. The
+    two differ only if strikes of one key are closer than twice the tolerance.
     """
 
     def __init__(self, roll: PianoRoll) -> None:
@@ -22,15 +22,15 @@ class OpenOnsets:
             self._times.setdefault(key, []).append(time)
 
     def copy(self) -> OpenOnsets:
-        """Return the same onsets, to go on from here independently."""
+        """Return an independent copy."""
         copied = copy.copy(self)
         copied._times = {key: list(times) for key, times in self._times.items()}
         return copied
 
     def hit_within(self, key: int, earliest: float, latest: float) -> bool | None:
-        """Return :meth:`hit` of a strike from ``earliest`` to ``latest``, s, if all have the same.
+        """Return :meth:`hit` of a strike from ``earliest`` to ``latest``, s, if no time changes it.
 
-        ``None``, and nothing is hit, if it takes the very time to tell.
+        If the result depends on the exact time, return ``None`` and hit nothing.
         """
         times = self._times.get(key, [])
         near = [onset for onset in times if _in_time(onset, min(max(onset, earliest), latest))]
@@ -42,7 +42,7 @@ class OpenOnsets:
         return True
 
     def hit(self, key: int, time: float) -> bool:
-        """Return whether a strike (0 to 87; s) is in time for a note that was open until now."""
+        """Match a strike (key 0 to 87; s) to an open onset; return whether one is in time."""
         times = self._times.get(key, [])
         near = [onset for onset in times if _in_time(onset, time)]
         if near:

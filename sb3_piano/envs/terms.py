@@ -1,8 +1,8 @@
-"""The terms of the reward, each a row of a table; others are given from outside.
+"""Terms of the reward: a table of the built-in ones, and checks of a user's own.
 
 The reward of a control step is the sum over the terms of ``weight * term``. With the default
-weights each weighted term equals RoboPianist's own (without hands those of ``SelfActuatedPiano``);
-``strike``, which RoboPianist does not have, has the weight 0.
+weights each weighted term equals RoboPianist's (without hands ``SelfActuatedPiano``'s).
+``strike`` is new, with the default weight 0.
 """
 
 from __future__ import annotations
@@ -40,43 +40,43 @@ RewardWeight = Annotated[
 
 
 class StepView(NamedTuple):
-    """What a term of the reward sees of a control step that was just played; none of it is a copy.
+    """Input of a reward term: the control step just played. Nothing in it is a copy.
 
-    ``controls`` and ``controls_before`` belong to the state that ``set_state`` restores, so that a
-    function of them needs no memory of its own.
+    ``set_state`` restores ``controls`` and ``controls_before``, so a term that depends on them
+    needs no state of its own.
     """
 
     simulation: Simulation
-    """The state after the step, as it was read: keys, fingertips, forces, MuJoCo's ``data``."""
+    """State after the step as last read: keys, fingertips, forces, MuJoCo's ``data``."""
     goal: Goal
     """The score as the goal of each control step."""
     number: int
-    """Control steps of the episode that were over before."""
+    """Number of earlier control steps of the episode."""
     asked: StepGoal
-    """What is asked of the state: ``goal.steps[number]``."""
+    """Goal of the state: ``goal.steps[number]``."""
     pedal_down: bool
     """Whether the sustain pedal is down."""
     controls: FloatArray
-    """(nu,) what the actuators were told, rad or m."""
+    """(nu,) targets of the actuators, rad or m."""
     controls_before: FloatArray
-    """(nu,) what they were told in the step before; 0 where the episode begins."""
+    """(nu,) targets in the step before; 0 at the start of the episode."""
     record: EpisodeRecord
-    """What was played before this step, and :attr:`~EpisodeRecord.struck` in it."""
+    """Record of the earlier steps; :attr:`~EpisodeRecord.struck` has the strikes of this one."""
 
     @property
     def scene(self) -> PianoScene:
-        """Where in MuJoCo's arrays everything stands."""
+        """The scene, with the indices of its parts in MuJoCo's arrays."""
         return self.simulation.scene
 
     @property
     def controls_change(self) -> FloatArray:
-        """(nu,) by how much ``controls`` changed, in units of the action, whose range is 2 wide."""
+        """(nu,) change of ``controls`` in units of the action, whose range is 2 wide."""
         span = self.scene.ctrl_high - self.scene.ctrl_low
         return 2.0 * (self.controls - self.controls_before) / span
 
     @property
     def wrong(self) -> bool:
-        """Whether a key sounds that should not be down."""
+        """Whether a key that is not due sounds."""
         return int.from_bytes(self.simulation.sounding) & self.asked.not_due > 0
 
 
@@ -87,21 +87,21 @@ def _nothing(goal: Goal) -> float:
 
 @dataclass(frozen=True)
 class Term:
-    """A term of the reward: what it is of a control step, and how much it counts.
+    """Term of the reward: its function and its weight.
 
     Raises:
         ConfigError: If a value does not fit.
     """
 
     value: Callable[[StepView], float]
-    """The unweighted term of a control step, a finite number; it changes nothing that it sees."""
+    """Function that computes the unweighted term of a control step, a finite number, from a
+    ``StepView``; it must not change its input."""
     weight: float = 1.0
-    """Its weight, unless ``reward_weights`` has another one."""
+    """Default weight; ``reward_weights`` overrides it."""
     best: Callable[[Goal], float] = _nothing
-    """The highest sum that an episode allows, for ``normalized_return``; 0, as of costs."""
+    """Highest sum of the term in an episode, for ``normalized_return``; 0 for costs."""
     label: str = ""
-    """Its name in reports; by default that in ``info``. What is built in has its words in
-    ``metrics/definitions.yml``."""
+    """Name in reports, by default that in ``info``. Built-in terms: ``metrics/definitions.yml``."""
 
     def __post_init__(self) -> None:
         for name in ("value", "best"):
@@ -114,8 +114,8 @@ class Term:
 def _key_press(step: StepView) -> float:
     """Reward pressing the keys that are due, and no others.
 
-    Half of it is the mean closeness of the due keys to being fully down (0 if none is due), the
-    other half is earned whole if no key sounds that is not due.
+    One half is the mean closeness of the due keys to being fully down (0 if none is due). The other
+    half is all or nothing: all unless a key sounds that is not due.
     """
     key_state = step.simulation.key_state
     recall = rewards.held([1.0 - key_state.item(key) for key in step.asked.keys])
@@ -128,7 +128,7 @@ def _sustain(step: StepView) -> float:
 
 
 def _energy(step: StepView) -> float:
-    """Return minus the power that the actuators turn over, W."""
+    """Return the negative power of the actuators, W."""
     force, velocity = step.simulation.actuator_force, step.simulation.actuator_velocity
     return -float(np.abs(force).dot(np.abs(velocity)))
 
@@ -147,7 +147,7 @@ def _fingering(step: StepView) -> float:
     if kind == "off":
         return 0.0
     points = [simulation.press_point(key) for key in step.asked.keys]
-    tips = tips[simulation.scene.fingers]  # of the hands that are there
+    tips = tips[simulation.scene.fingers]  # of the hands in the scene
     return rewards.optimal_transport_fingering(tips, np.array(points).reshape(-1, 3))
 
 
@@ -157,33 +157,33 @@ def _forearm(step: StepView) -> float:
 
 
 def _strike(step: StepView) -> float:
-    """Return how many strikes of a control step were in time less how many were not."""
+    """Return the number of strikes in time in a control step minus the number of others."""
     hits, misses = step.record.struck
     return float(hits - misses)
 
 
 def _distance(step: StepView) -> float:
-    """Return minus the Euclidean distance between what is down and what is due."""
+    """Return the negative Euclidean distance between sounding and due keys (and pedal)."""
     return -math.sqrt(_mistakes(step))
 
 
 def _log_likelihood(step: StepView) -> float:
-    """Return minus the binary cross-entropy between what is down and what is due."""
+    """Return the negative binary cross-entropy between sounding and due keys (and pedal)."""
     return _mistakes(step) * _LOG_OF_NOTHING
 
 
-_LOG_OF_NOTHING = math.log(1e-6)  # stands for that of a probability of 0
+_LOG_OF_NOTHING = math.log(1e-6)  # in place of the logarithm of 0
 
 
 def _mistakes(step: StepView) -> int:
-    """Return how many keys sound and should not or the other way round, and the pedal likewise."""
+    """Count the keys that sound wrongly or are missing, plus 1 if the pedal is wrong."""
     due = int.from_bytes(step.asked.due.tobytes())
     mistakes = (int.from_bytes(step.simulation.sounding) ^ due).bit_count()
     return mistakes + (step.asked.sustain != step.pedal_down)
 
 
 def _best_key_press(goal: Goal) -> float:
-    # In steps in which nothing is due it is 0.5 at most.
+    # In steps without a due key the term is at most 0.5.
     return 0.5 * (len(goal) + int(goal.asked.active.any(axis=1).sum()))
 
 
@@ -208,14 +208,14 @@ TERMS: Mapping[str, Term] = {
     "forearm": Term(_forearm, 0.5, _best_forearm),
     "strike": Term(_strike, 0.0, _best_strike),
 }
-"""The terms where there are hands."""
+"""Terms of scenes with hands."""
 
 SELF_ACTUATED_TERMS: Mapping[str, Term] = {
     "distance": Term(_distance, 1.0),
     "log_likelihood": Term(_log_likelihood, 0.0),
     **{n: dataclasses.replace(TERMS[n], weight=0.0) for n in ("key_press", "sustain", "strike")},
 }
-"""The terms where the keys are driven themselves."""
+"""Terms of scenes without hands, where actuators drive the keys."""
 
 
 def _weights(terms: Mapping[str, Term]) -> Mapping[str, float]:
@@ -223,23 +223,23 @@ def _weights(terms: Mapping[str, Term]) -> Mapping[str, float]:
 
 
 DEFAULT_REWARD_WEIGHTS = _weights(TERMS)
-"""RoboPianist's weights. ``energy`` is per watt, ``strike`` for each strike; the other terms lie in
-[0, 1]."""
+"""RoboPianist's weights. ``energy`` is in watts and ``strike`` counts strikes; the other terms are
+in [0, 1]."""
 
 SELF_ACTUATED_REWARD_WEIGHTS = _weights(SELF_ACTUATED_TERMS)
-"""Weights where no hand is in the scene and the keys are driven themselves. ``distance`` is
-RoboPianist's default there, ``log_likelihood`` its other choice."""
+"""Weights of scenes without hands, where actuators drive the keys. ``distance`` is RoboPianist's
+default there, ``log_likelihood`` its alternative."""
 
 RETURN_KEYS = tuple(RETURN_PREFIX + name for name in DEFAULT_REWARD_WEIGHTS)
-"""Names in the final ``info`` of the episode sums of the weighted terms."""
+"""Names of the weighted terms' episode sums in the final ``info``."""
 
 
 def own_terms(given: Mapping[str, Any]) -> dict[str, Term]:
-    """Return reward terms by name that are given as such, as functions or by import paths.
+    """Resolve reward terms by name, each given as a term, a function or an import path.
 
     Raises:
-        ConfigError: If a name is taken or none, a path leads nowhere, or what it leads to is no
-            term; settings of an exported run name no code of others.
+        ConfigError: If a name is taken or invalid, or a path cannot be imported or is no term.
+            Settings of an exported run may not import code.
     """
     return {name: _own_term(name, one) for name, one in given.items()}
 
@@ -270,10 +270,10 @@ def _own_term(name: Any, given: Any) -> Term:
 
 
 def finite_term(name: str, value: Any, step: StepView) -> float:
-    """Return the value of a term of one's own, if it is a finite number.
+    """Check that the value of a user's term is a finite number.
 
     Raises:
-        ConfigError: If it is none.
+        ConfigError: If it is not.
     """
     if not isinstance(value, Real) or not math.isfinite(value):
         raise ConfigError(

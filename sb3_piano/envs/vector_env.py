@@ -1,4 +1,4 @@
-"""Several piano environments as one of gymnasium's vector environments."""
+"""Gymnasium vector environment of several piano environments."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from sb3_piano.threads import ThreadTeam
 
 
 class PianoVectorEnv(SyncVectorEnv[Any, Any]):
-    """Several :class:`~sb3_piano.envs.PianoEnv` that step at the same time, in threads.
+    """Vector environment whose :class:`~sb3_piano.envs.PianoEnv` step in parallel threads.
 
-    ``gymnasium.make_vec("RoboPianist-v0", num_envs=4)`` makes one. It gives exactly what
-    gymnasium's ``SyncVectorEnv`` around the same environments gives; ``envs`` are the environments
-    themselves, in which everything that one of them can do may be done.
+    ``gymnasium.make_vec("RoboPianist-v0", num_envs=4)`` makes one. Its results equal those of
+    gymnasium's ``SyncVectorEnv`` around the same environments. ``envs`` are the environments
+    themselves, with all their methods and attributes.
 
-    An error in one environment is raised when all threads have come to rest; the other environments
-    may have played that step. After it, as after Ctrl-C, call ``reset``.
+    An error in one environment is raised when all threads have finished; the other environments may
+    have played that step. After an error, as after Ctrl-C, call ``reset``.
 
     Args:
-        num_envs: How many environments there are, at least 1.
-        score: What is played: one score for all, or a sequence of one for each environment. A score
-            is a ``Score``, a path or a piece's name.
+        num_envs: Number of environments, at least 1.
+        score: One score for all environments, or a sequence with one for each. A score is a
+            ``Score``, a path or a piece's name.
         n_threads: Threads to use, the calling one included; by default one for each environment or
             each usable core, whichever are fewer.
         max_episode_steps: Steps after which a ``TimeLimit`` around each environment truncates its
-            episode; by default there is none.
-        autoreset_mode: When an environment whose episode has ended begins the next one: with the
-            next step ("NextStep"), with the same one ("SameStep") or when told to ("Disabled").
+            episode; by default no limit.
+        autoreset_mode: When an environment begins its next episode: with the next step
+            ("NextStep"), with the last step ("SameStep") or at ``reset`` only ("Disabled").
         render_mode: As for a single environment.
-        **options: The fields of :class:`~sb3_piano.envs.PianoEnvConfig`, alike for all; and those
-            of a generated study, if one is played by all.
+        **options: The fields of :class:`~sb3_piano.envs.PianoEnvConfig`, equal for all
+            environments, and the options of a generated study that all of them play.
 
     Raises:
-        ConfigError: If an argument is not valid, or the scores lead to observations of different
+        ConfigError: If an argument is not valid, or the scores give observations of different
             sizes.
         ScoreError: If a score cannot be read or played.
     """
@@ -74,7 +74,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
             for source in _one_for_each(score, num_envs)
         ]
         _check_same_size(envs)
-        # Built before, so that what is wrong is told in our words.
+        # Built first, so that errors have this package's messages.
         limited = envs if limit is None else [TimeLimit(env, limit) for env in envs]
         super().__init__([functools.partial(_same, env) for env in limited], autoreset_mode=mode)
         self._env_obs: list[Any] = [None] * num_envs
@@ -91,12 +91,12 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Float32Array, dict[str, Any]]:
-        """Begin an episode in every environment, or in some.
+        """Begin an episode in all environments, or in some.
 
         Args:
-            seed: Seed of the first environment, the others count on from it; or one for each.
-            options: ``"score"``: what is played in this episode, one score or a sequence of one for
-                each environment. ``"transform"``: as for a single environment, for all of them.
+            seed: Seed of the first environment (each other one adds 1), or a seed for each.
+            options: ``"score"``: scores of this episode, one for all environments or a sequence
+                with one for each. ``"transform"``: as for a single environment, for all of them.
                 ``"reset_mask"``: (num_envs,) bool, the environments to reset.
 
         Raises:
@@ -152,7 +152,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         )
 
     def render(self) -> tuple[Any, ...]:
-        """Return a picture of every environment, or ``None`` for each without a render mode."""
+        """Draw a picture of every environment, or ``None`` for each without a render mode."""
         pictures: list[Any] = [None] * self.num_envs
 
         def draw(slot: int) -> None:
@@ -163,14 +163,14 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close every environment, then end the threads."""
-        del kwargs  # gymnasium passes on what close() was given
+        del kwargs  # gymnasium passes the arguments of close()
         try:
             self._team.run(lambda slot: self.envs[slot].close())
         finally:
             self._team.close()
 
     def _play(self, slot: int, action: npt.NDArray[Any]) -> None:
-        """Play a step in one environment, or begin its next episode; write only its own rows."""
+        """Play a step in one environment or begin its next episode, and write only its rows."""
         env = self.envs[slot]
         if self._autoreset_envs[slot] and self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._env_obs[slot], info = env.reset()
@@ -222,7 +222,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         return mask
 
     def _checked_actions(self, actions: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Return the actions, one row for each environment; the environments check the rows."""
+        """Check the actions' shape, one row for each environment; these check their rows."""
         rows = action_numbers(actions)
         if rows.shape != self.action_space.shape:
             raise InvalidActionError(
@@ -236,7 +236,7 @@ def _same(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
 
 
 def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
-    """Return an autoreset mode; a ConfigError tells that it is none."""
+    """Convert to an autoreset mode; raise a ConfigError if it is unknown."""
     try:
         return AutoresetMode(mode)
     except ValueError:
@@ -263,6 +263,6 @@ def _check_same_size(envs: Sequence[PianoEnv]) -> None:
             for slot, (env, size) in enumerate(zip(envs, sizes, strict=True))
         )
         raise ConfigError(
-            f"The environments' observations differ in size - {listed}: expected scores that give "
+            f"The environments' observations differ in size - {listed}: expected scores with "
             f"one size, or another observation than {envs[0].config.observation!r}."
         )

@@ -93,7 +93,7 @@ class EnvState:
         wrong += [] if "pedal" in wrong or 0 <= self.pedal <= 1 else ["pedal"]
         if wrong or not all(isinstance(step, Integral) and 0 <= step < steps for step in within):
             raise EnvStateError(
-                f"The state's {wrong[0] if wrong else 'within'} does not fit an episode of {steps} "
+                f"The state's {wrong[0] if wrong else 'within'} is none of an episode of {steps} "
                 "steps: expected a state of an environment with the same options."
             )
         for saved, here in ((self.simulation, simulation), (self.terms, _told(terms))):

@@ -35,7 +35,7 @@ LINES = {
     "music": 8_509,
     "pipelines": 1_198,
     "planning": 2_721,
-    "players": 2_163,
+    "players": 2_161,
     "policies": 1_588,
     "reading": 578,
     "simulation": 983,
@@ -54,7 +54,7 @@ LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_636, "modules": 335, "names": 227},
+    "core": {"lines": 49_634, "modules": 335, "names": 227},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
     "tests": {"lines": 42_091},
 }

@@ -1,9 +1,9 @@
-"""What plays any piece at once, behind SB3's ``predict``: planned, sampling, or learned.
+"""Players of any piece, with SB3's ``predict``: planned, sampling, or learned.
 
-:func:`make_player` makes one by its name. The learned one, :class:`SightReader`, is a small network
-of one hand (:class:`HandModel`) that never trained on the piece. With :class:`PlayerResidual` an
-agent corrects it, or the plan. :class:`TreeSearch` plays what a trained model would after looking
-ahead.
+:func:`make_player` makes one by its name. The learned player, :class:`SightReader`, is a small
+network of one hand (:class:`HandModel`) that never trained on the piece. :class:`PlayerResidual`
+adds an agent's corrections to it or to the plan. :class:`TreeSearch` improves a trained model or a
+player by lookahead.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -41,7 +41,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import when it is asked for what alone needs torch, which takes two seconds."""
+    """Import ``TreeSearch`` on first access: it needs torch, whose import takes two seconds."""
     if name != "TreeSearch":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from sb3_piano.players.tree_search import TreeSearch

@@ -1,4 +1,4 @@
-"""A learned network of one hand, as a file of plain arrays, and its forward pass in NumPy."""
+"""Learned network of one hand: its safetensors file, and its forward pass in NumPy."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 Tensors = Mapping[str, Float32Array]
 
 SIGHT_READER = "sight-reader"
-"""Name of the player that has a network."""
+"""Name of the player with a network."""
 
 SHIPPED = Path(__file__).with_name("sight_reader.safetensors")
-"""The file that comes with the package; ``sight_reader.md`` beside it says how it was made."""
+"""Network in the package; ``sight_reader.md`` beside it describes its training."""
 
 FILE_NAME = "hand.safetensors"
 """Name of a network's file in the folder of a run."""
@@ -67,48 +67,48 @@ _ACTIVATIONS: Mapping[str, Callable[[Float32Array], Float32Array]] = {
 
 
 def network_file(path: str | os.PathLike[str]) -> Path:
-    """Return the file of a network, also by the folder that it is in."""
+    """Return the path of a network's file, given the file or its folder."""
     return Path(path, FILE_NAME) if os.path.isdir(path) else Path(path)
 
 
 @settings
 class HandFacts:
-    """What a hand's network was trained for, and how."""
+    """Metadata of a hand's network: its environment and its training."""
 
     activation: Literal["SiLU", "ReLU", "Tanh"]
-    """Name in ``torch.nn`` of what comes after each hidden layer."""
+    """Name in ``torch.nn`` of the activation function of the hidden layers."""
     control_timestep: Positive
     """Length of a control step, s."""
     reach: Positive
-    """Of :class:`~sb3_piano.wrappers.HandActions`, rad."""
+    """Reach of :class:`~sb3_piano.wrappers.HandActions`, rad."""
     blocks: Mapping[str, Count]
     """Sizes of the blocks of a hand's half of the observation "hands", by name."""
     actions: Count
     """Actuators of a hand."""
     observation_version: Count = 1
-    """Version of that observation; files from before there was one do not have it."""
+    """Version of that observation; older files lack it."""
     num_timesteps: Index = 0
     """Environment steps of its training."""
     about: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """Anything else that is known of its training, in words."""
+    """Further notes on its training, by name."""
 
 
 class HandModel:
-    """A learned network of one hand, which plays both.
+    """Learned network of one hand, which plays both hands.
 
     Args:
-        tensors: By the names of :func:`~sb3_piano.policies.hand_weights`, float32.
-        facts: What they are for.
+        tensors: Weights by the names of :func:`~sb3_piano.policies.hand_weights`, float32.
+        facts: Metadata of the network.
 
     Raises:
-        ConfigError: If they do not fit together.
+        ConfigError: If weights and metadata do not fit together.
     """
 
     def __init__(self, tensors: Tensors, facts: HandFacts) -> None:
         self.tensors = {n: np.ascontiguousarray(t, dtype=np.float32) for n, t in tensors.items()}
         """Weights by name."""
         self.facts = facts
-        """What they are for."""
+        """Metadata of the network."""
         _check_tensors(self.tensors, facts)
         t, self._activation = self.tensors, _ACTIVATIONS[facts.activation]
         self._mean, self._scale = t["standardize.mean"], t["standardize.scale"]
@@ -122,18 +122,18 @@ class HandModel:
     def of(
         cls, policy: BasePolicy, env: gym.Env[Any, Any], num_timesteps: int = 0, **about: str
     ) -> HandModel:
-        """Return the network of a trained policy.
+        """Extract the network of a trained policy.
 
         Args:
-            policy: One of :mod:`sb3_piano.policies` for hands, such as ``model.policy``.
-            env: Where it was trained, with :class:`~sb3_piano.wrappers.HandActions`.
+            policy: A policy of :mod:`sb3_piano.policies` for hands, such as ``model.policy``.
+            env: Environment of its training, with :class:`~sb3_piano.wrappers.HandActions`.
             num_timesteps: Environment steps of its training.
-            **about: Anything else that is known of its training, in words.
+            **about: Further notes on its training, by name.
 
         Raises:
-            ConfigError: If the policy is another one, or the environment has no such wrapper.
+            ConfigError: If the policy is of another kind, or the environment has no such wrapper.
         """
-        from sb3_piano.policies.hand_network import hand_weights  # here, as playing needs no torch
+        from sb3_piano.policies.hand_network import hand_weights  # imports torch
 
         tensors = {name: tensor.numpy() for name, tensor in hand_weights(policy).items()}
         activation: Any = policy.activation_fn
@@ -148,18 +148,18 @@ class HandModel:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> HandModel:
-        """Return the network of a file, or of a folder with a ``hand.safetensors``.
+        """Load a network from a file, or from a folder with a ``hand.safetensors``.
 
         Raises:
-            ConfigError: If there is no such file, or it holds something else.
+            ConfigError: If the file is missing, or is no valid network.
         """
         path = network_file(path)
         try:
-            read_shapes(path)  # what is no file, or has a header without end, is refused
+            read_shapes(path)  # refuses paths that are no files, and oversized headers
             with safetensors.safe_open(path, framework="np") as file:
                 metadata = dict(file.metadata() or {})
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        except Exception as error:  # a damaged file fails in any way
+        except Exception as error:  # damaged files raise many classes of errors
             raise ConfigError(
                 f"'{path}' cannot be read ({one_line(error)}): {_EXPECTED}."
             ) from error
@@ -171,7 +171,7 @@ class HandModel:
             raise ConfigError(f"'{path}' cannot be used: {_EXPECTED}. {one_line(error)}") from error
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file that :meth:`load` reads, in place of one that is there."""
+        """Write the network to a file for :meth:`load`, replacing an existing one."""
         facts = {name: json.dumps(value) for name, value in dataclasses.asdict(self.facts).items()}
         content = safetensors.numpy.save(self.tensors, {"format": FORMAT, **facts})
         write_bytes(Path(path), in_order(content))
@@ -183,15 +183,15 @@ class HandModel:
         episode_start: npt.NDArray[np.bool_] | None = None,
         deterministic: bool = False,
     ) -> tuple[Float32Array, Any]:
-        """Return :meth:`act`, as a player of environments that show ``hands`` and act by hand."""
+        """Return :meth:`act`, for environments with observation "hands" and ``HandActions``."""
         del episode_start, deterministic
         return self.act(observation), state
 
     def act(self, observation: npt.NDArray[np.floating]) -> Float32Array:
-        """Return the action of the h hands that are there, (h k,) in [-1, 1].
+        """Compute the action of the h hands in the scene, (h k,) in [-1, 1].
 
         Args:
-            observation: (h n,) the observation "hands": the right hand's numbers, then the left's.
+            observation: (h n,) observation "hands": the right hand's numbers, then the left's.
         """
         hands = observation.astype(np.float32, copy=False).reshape(-1, len(self._mean))
         seen = (hands - self._mean) * self._scale
@@ -200,7 +200,7 @@ class HandModel:
         for weight, bias, gain, shift in self._layers:
             hidden = weight @ hidden
             hidden += bias
-            # Its mean is 0: the layer is such.
+            # The mean is 0 by construction, see _centred.
             variance = np.einsum("ij,ij->j", hidden, hidden) * np.float32(1 / len(hidden))
             hidden *= 1 / np.sqrt(variance + _EPSILON)
             hidden = self._activation(hidden * gain + shift)
@@ -208,11 +208,11 @@ class HandModel:
         return np.tanh(self._head @ latent + self._bias).T.reshape(-1)
 
     def check(self, piano: PianoEnv, name: str) -> None:
-        """Make sure that this network can play in an environment.
+        """Check that this network can play in an environment.
 
         Args:
             piano: The environment.
-            name: What the message calls the network.
+            name: Name of the network in the message.
 
         Raises:
             ConfigError: If it was trained for another control step, action space or observation.
@@ -236,14 +236,14 @@ _FACTS = {
     "actions": "a number of actuators of a hand of",
     "blocks": "an observation of a hand of",
 }
-"""What a network is trained for, in words."""
+"""Metadata that must match the environment, in words for messages."""
 
 _OF_LAYER = ("linear.weight", "linear.bias", "norm.weight", "norm.bias")
 _EPSILON = np.float32(1e-5)  # torch.nn.LayerNorm's
 
 
 def _of_piano(piano: PianoEnv) -> dict[str, Any]:
-    """Return what a network must have been trained for to play here."""
+    """Return the metadata that a network needs to play in an environment."""
     layout = HandEncoding(piano.scene, piano.config).layout
     return {
         "observation_version": HANDS_VERSION,
@@ -268,7 +268,7 @@ def _depth(tensors: Tensors) -> int:
 
 
 def _check_tensors(tensors: Tensors, facts: HandFacts) -> None:
-    """Make sure that the layers are there, follow each other and have finite numbers."""
+    """Check the names and shapes of all layers, and that their numbers are finite."""
     inputs = sum(facts.blocks.values())
     shapes: dict[str, tuple[int, ...]] = {"standardize.mean": (inputs,)}
     shapes["standardize.scale"] = (inputs,)
@@ -294,9 +294,9 @@ def _check_tensors(tensors: Tensors, facts: HandFacts) -> None:
 def _centred(
     weight: Float32Array, bias: Float32Array, gain: Float32Array, shift: Float32Array
 ) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
-    """Return a layer whose outputs have the mean 0, so that no forward pass subtracts it.
+    """Centre a layer's outputs at a mean of 0, so that no forward pass subtracts it.
 
-    LayerNorm takes the mean over the outputs away; that of W x + b is mean(W) x + mean(b).
+    LayerNorm subtracts the mean over the outputs W x + b, which is mean(W) x + mean(b).
     """
     exact, added = weight.astype(np.float64), bias.astype(np.float64)
     exact, added = exact - exact.mean(axis=0), added - added.mean()

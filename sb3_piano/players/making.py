@@ -1,4 +1,4 @@
-"""Players by their names."""
+"""Factory of players by name."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 PLAYERS: Mapping[str, type[PianoPolicy]] = MappingProxyType(
     {"planned": PlannedPianist, "sampling": PredictiveSampling, "sight-reader": SightReader}
 )
-"""Class of what plays any piece at once, without training on it, by its name."""
+"""Classes of the players that need no training on a piece, by name."""
 
 
 def player_class(name: str) -> type[PianoPolicy]:
     """Return the class of a player, one of :data:`PLAYERS`.
 
     Raises:
-        ConfigError: If there is none of this name.
+        ConfigError: If no player has this name.
     """
     refuse_unknown([name], PLAYERS, "player")
     return PLAYERS[name]
 
 
 def make_player(name: str, env: gym.Env[Any, Any] | VecEnv, **settings: Any) -> PianoPolicy:
-    """Return what plays an environment at once, behind SB3's ``predict``.
+    """Make a player, which has SB3's ``predict``, for an environment.
 
     Args:
         name: One of :data:`PLAYERS`.
@@ -44,7 +44,7 @@ def make_player(name: str, env: gym.Env[Any, Any] | VecEnv, **settings: Any) -> 
         **settings: Arguments of the player's class, such as ``model`` or ``samples``.
 
     Raises:
-        ConfigError: If there is no such player, or it cannot play there.
+        ConfigError: If no player has this name, or it cannot play there.
     """
     make: Any = player_class(name)
     player: PianoPolicy = make(env, **settings)

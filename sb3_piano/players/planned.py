@@ -1,4 +1,4 @@
-"""The planned pianist: knows the score and the hands, and plays without any training."""
+"""Planned pianist: computes a plan from score and hands, and plays without training."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ _PLANS: OrderedDict[tuple[str, str, PlanSettings], Plan] = OrderedDict()
 
 
 class PlannedPianist(PianoPolicy):
-    """Plans each piece before its first note, and follows the plan.
+    """Plan each piece before its first note, and follow the plan.
 
-    It plays whatever its environments play, also where wrappers choose the piece; plans are kept.
-    ``evaluate_policy(PlannedPianist(env), env)`` judges it like a trained model.
+    It plays the pieces of its environments, also if wrappers choose them; plans are cached.
+    ``evaluate_policy(PlannedPianist(env), env)`` evaluates it like a trained model.
     The environment is as for :class:`~sb3_piano.players.policy.PianoPolicy`.
     """
 
@@ -54,18 +54,18 @@ class PlannedPianist(PianoPolicy):
             env: The environment, wrapped or not, or several of them in this process as a vector
                 environment of Stable-Baselines3.
             settings: The plan's settings.
-            plan: A file of a plan, such as ``sb3-piano plan --refine`` writes, which is followed in
-                place of planning. It is read before the first note.
+            plan: A plan file, such as ``sb3-piano plan --refine`` writes, to follow in place of
+                planning. It is read before the first note.
 
         Raises:
-            ConfigError: If the environment is out of reach.
+            ConfigError: If the environment is in another process.
         """
         super().__init__(env)
         self.settings = settings or PlanSettings()
         self._trackers = Trackers(self.settings, plan, len(self._pianos))
 
     def plan(self, slot: int = 0) -> Plan:
-        """Return the plan of what one of the environments plays in this episode."""
+        """Return the plan of one environment's present episode."""
         return self._trackers.of(self._pianos[slot]).plan
 
     def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -75,17 +75,17 @@ class PlannedPianist(PianoPolicy):
         return action_of(piano, tracker.controls(step, positions), tracker, step)
 
     def _joints(self, slot: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return where the hands' joints are, (m,) rad or m, as they are observed."""
+        """Return the hands' joint positions, (m,) rad or m, as observed."""
         piano, layout = self._pianos[slot], self._layout
         names = [f"{side}_joints" for side in piano.scene.sides]
         if self._normalizer is not None or layout is None or names[0] not in layout:
-            # Something else is shown, or what VecNormalize has cut.
+            # The joints are not observed, or VecNormalize may have clipped them.
             return np.asarray(piano.data.qpos[piano.scene.hand_qpos])
         return np.concatenate([observation[layout[name].slice] for name in names])
 
 
 class _Kept(NamedTuple):
-    """What was planned for, and the plan's tracker."""
+    """Cached tracker of a plan, with its piece and its scene."""
 
     roll: PianoRoll
     scene: PianoScene
@@ -94,18 +94,18 @@ class _Kept(NamedTuple):
 
 
 class Trackers:
-    """Plans of the pieces that were played last, made when they are first played.
+    """Cache of the last played pieces' plans, each made when its piece is first played.
 
-    What was planned last in this process is not planned again for another, equal scene, as where
-    several environments play one piece.
+    The last plans of the process are shared between equal scenes, for example if several
+    environments play one piece.
     """
 
     def __init__(
         self, settings: PlanSettings | None = None, file: str | None = None, n_envs: int = 1
     ):
-        """Take the settings of plans, and a file of a plan that is followed in place of them.
+        """Take the settings of plans, or a plan file to follow in place of planning.
 
-        What ``n_envs`` environments play at the same time is kept.
+        The cache holds at least ``n_envs`` plans.
         """
         self.settings = settings or PlanSettings()
         self._file = file
@@ -113,16 +113,16 @@ class Trackers:
         self._kept: list[_Kept] = []
 
     def of(self, piano: PianoEnv) -> Tracker:
-        """Return the tracker of what an environment plays in this episode.
+        """Return the tracker for an environment's present episode.
 
-        A :class:`PlanWarning` tells of notes that cannot be played as written.
+        A :class:`PlanWarning` lists notes that cannot be played as written.
 
         Raises:
-            ConfigError: If a file was given that is damaged, or of another piece.
+            ConfigError: If the plan file is damaged, or of another piece.
         """
         roll, scene = piano.roll, piano.scene
         model = None if piano.steps_played else _digest_of(scene)
-        # A glance tells within an episode, not in the next one.
+        # Within an episode identity is enough; a new episode needs the comparison.
         for is_same in (operator.is_, PianoRoll.equals):
             for index, kept in enumerate(self._kept):
                 if kept.scene is scene and is_same(kept.roll, roll) and model in (None, kept.model):
@@ -143,7 +143,7 @@ class Trackers:
 
 
 def _planned_once(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> Plan:
-    """Return the plan of a piece, or the one that was made before of all the same."""
+    """Plan a piece, or return the cached plan of an equal piece, scene and settings."""
     key = (_digest_of(scene), roll_digest(roll), settings)
     if key not in _PLANS:
         made = plan_piece(roll, scene, settings)
@@ -154,21 +154,21 @@ def _planned_once(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) ->
 
 
 def _digest_of(scene: PianoScene) -> str:
-    """Return the SHA-256 of a scene's model, which may have been changed since it was compiled."""
+    """Compute the SHA-256 of a scene's model, which may have changed since compilation."""
     model = np.empty(mujoco.mj_sizeModel(scene.model), dtype=np.uint8)
     mujoco.mj_saveModel(scene.model, None, model)
     return hashlib.sha256(model.tobytes()).hexdigest()
 
 
 def forget_plans() -> None:
-    """Forget what was planned in this process, so that planning takes its time again."""
+    """Clear the process's cache of plans, so that timings include planning."""
     _PLANS.clear()
 
 
 def action_of(
     piano: PianoEnv, controls: npt.NDArray[np.float64], tracker: Tracker, step: int
 ) -> npt.NDArray[np.float32]:
-    """Return commands, and the pedal of the score, as an action of the environment."""
+    """Convert control targets and the score's pedal to an action of the environment."""
     sustain = tracker.plan.roll.sustain
     down = bool(sustain[min(step, len(sustain) - 1)])
     return piano.action_map.action(controls, pedal_down=down)

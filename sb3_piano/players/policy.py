@@ -1,4 +1,4 @@
-"""Players of any piece, behind the ``predict`` of a model that was trained for one."""
+"""Base class of players, with the interface of a Stable-Baselines3 model."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 
 
 class PianoPolicy(ABC):
-    """Acts in piano environments like a model of Stable-Baselines3, whatever they play.
+    """Base of players of any piece, with the interface of a Stable-Baselines3 model.
 
-    Where the hands are comes from the observation, where in the piece it is from ``state``, what
-    is played from the environment it was made for. It has what ``evaluate_policy`` and callbacks
-    that evaluate or film ask of a model, so that ``callback.init_callback(policy)`` works.
+    It gets the hands' positions from the observation, the control step from ``state``, and the
+    piece from its environment. It supports ``evaluate_policy`` and callbacks that evaluate or film:
+    ``callback.init_callback(policy)`` works.
 
     Args:
         env: The environment, wrapped or not, or several of them in this process as a vector
             environment of Stable-Baselines3.
 
     Raises:
-        ConfigError: If it is no piano, or out of reach in another process.
+        ConfigError: If it is no piano, or in another process.
     """
 
     num_timesteps = 0
-    """Environment steps that it was trained for: none, unless it has a network."""
+    """Environment steps of its training; 0 without a network."""
 
     def __init__(self, env: gym.Env[Any, Any] | VecEnv) -> None:
         self._env = env
@@ -48,11 +48,11 @@ class PianoPolicy(ABC):
         seen = self._space if self._normalizer is None else self._normalizer.venv.observation_space
         self._layout = seen.layout if isinstance(seen, ObservationSpace) else None
 
-    # torch and Stable-Baselines3 take a second to be imported, and are not needed to play.
+    # Importing torch and Stable-Baselines3 takes a second, and playing does not need them.
 
     @functools.cached_property
     def device(self) -> torch.device:
-        """Where it computes."""
+        """Device of the computations."""
         import torch
 
         return torch.device("cpu")
@@ -73,20 +73,20 @@ class PianoPolicy(ABC):
         episode_start: BoolArray | None = None,
         deterministic: bool = False,
     ) -> tuple[Float32Array, Any]:
-        """Return what to play next.
+        """Choose the next action.
 
         Args:
             observation: One observation, or a row for each environment.
-            state: What the last call returned: the control steps that are over, (n,). Left out, it
-                is looked up in the environments that this player was made for.
-            episode_start: (n,) bool, which episodes have just begun.
+            state: State from the last call: the number of finished control steps, (n,). By default
+                it is read from the environments of this player.
+            episode_start: (n,) bool, whether each episode has just begun.
             deterministic: Ignored.
 
         Returns:
             The action or a row for each environment, float32; and the state for the next call.
 
         Raises:
-            ConfigError: If there are not as many observations as environments.
+            ConfigError: If the number of observations is not that of environments.
         """
         del deterministic
         rows, single = self._rows(observation)
@@ -104,7 +104,7 @@ class PianoPolicy(ABC):
         return (actions[0] if single else actions), steps + 1
 
     def _rows(self, observation: Any) -> tuple[Any, bool]:
-        """Return what each environment observes, and whether it was a single one without a row."""
+        """Split observations by environment; return them and whether a single one was given."""
         if not isinstance(self._space, spaces.Dict):
             single = np.ndim(observation) == len(self._space.shape or ())
             return (np.asarray(observation)[None] if single else np.asarray(observation)), single
@@ -115,36 +115,36 @@ class PianoPolicy(ABC):
         return [{key: of[row] for key, of in observation.items()} for row in range(count)], False
 
     def get_env(self) -> VecEnv:
-        """Return the environments that it was made for, a single one as a vector of one."""
+        """Return the player's environments, a single one as a vector environment of one."""
         from stable_baselines3.common.vec_env import DummyVecEnv
 
         env = self._env
         return DummyVecEnv([lambda: env]) if isinstance(env, gym.Env) else env
 
     def get_vec_normalize_env(self) -> VecNormalize | None:
-        """Return what normalises its observations, if anything does."""
+        """Return the ``VecNormalize`` of its observations, if any."""
         return self._normalizer
 
     def set_logger(self, logger: Logger) -> None:
-        """Let callbacks log elsewhere; until then they log nowhere."""
+        """Set the logger of the callbacks; by default they log nowhere."""
         self._logger = logger
 
     def set_random_seed(self, seed: int) -> None:
-        """Begin anew with what is drawn at random, if anything is."""
+        """Seed the player's random generator, if it has one."""
         del seed
 
     def reset(self, seed: int) -> None:
-        """Begin a roll-out: what is drawn at random comes from its seed."""
+        """Begin a roll-out with a seed for the random generator."""
         self.set_random_seed(seed)
 
     @abstractmethod
     def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return the action of one environment.
+        """Choose the action of one environment.
 
         Args:
-            slot: Which of ``self._pianos``.
-            step: Control steps of the episode that are over.
-            observation: What is observed, not normalised.
+            slot: Index of the environment in ``self._pianos``.
+            step: Number of finished control steps of the episode.
+            observation: Observation, not normalised.
         """
 
     def _steps(self, state: Any, episode_start: BoolArray | None) -> IntArray:
@@ -158,10 +158,10 @@ class PianoPolicy(ABC):
 
 
 def singles_of(env: gym.Env[Any, Any] | VecEnv) -> list[gym.Env[Any, Any]]:
-    """Return the environments in a vector, with their wrappers, or the only one.
+    """Return the environments in a vector environment, with their wrappers, or the only one.
 
     Raises:
-        ConfigError: If they are out of reach in another process.
+        ConfigError: If they are in other processes.
     """
     if isinstance(env, gym.Env):
         return [env]
@@ -180,7 +180,7 @@ def pianos_of(env: gym.Env[Any, Any] | VecEnv) -> list[PianoEnv]:
     """Return the piano environments inside all wrappers.
 
     Raises:
-        ConfigError: If they are no pianos, or out of reach in another process.
+        ConfigError: If they are no pianos, or in other processes.
     """
     inside: list[Any] = [single.unwrapped for single in singles_of(env)]
     for piano in inside:
@@ -192,7 +192,7 @@ def pianos_of(env: gym.Env[Any, Any] | VecEnv) -> list[PianoEnv]:
 
 
 def _normalizer_of(env: gym.Env[Any, Any] | VecEnv) -> VecNormalize | None:
-    """Return what normalises observations, unless a wrapper around it changes them again."""
+    """Find the ``VecNormalize`` of observations, unless an outer wrapper changes them again."""
     if isinstance(env, gym.Env):
         return None
     from stable_baselines3.common.vec_env import unwrap_vec_normalize

@@ -24,29 +24,29 @@ from sb3_piano.wrappers.residual import Residual
 CORRECTED: Mapping[str, Callable[..., PianoPolicy]] = MappingProxyType(
     {SIGHT_READER: SightReader, "planned": PlannedPianist}
 )
-"""Class of what can be corrected, by its name."""
+"""Classes of players that can be corrected, by name."""
 
 
 class PlayerResidual(Residual, gym.utils.RecordConstructorArgs):
-    """Let the sight-reader or the planned pianist play, and the agent correct it.
+    """Add ``scale`` times the agent's action to the action of the sight-reader or planned pianist.
 
-    What is played is the player's action plus ``scale`` times the agent's, cut at -1 and 1. Actions
-    of 0 play as the player does; the planned pianist, who plans a piece before its first step, as
-    far as 32-bit numbers tell.
+    The sum is clipped to [-1, 1]. Actions of 0 play exactly like the player; for the planned
+    pianist, up to the precision of 32-bit numbers. The planned pianist plans a piece before its
+    first step.
 
     Args:
-        env: An environment that acts by :class:`~sb3_piano.wrappers.HandActions`, best with the
-            observation "hands", by which the agent sees what the sight-reader does.
+        env: An environment with :class:`~sb3_piano.wrappers.HandActions`, best with the
+            observation "hands", so that the agent sees the sight-reader's observation.
         player: "sight-reader" or "planned".
-        scale: By how much an action of 1 changes the player's, above 0. With the reach that
-            is usual, 0.05 is 0.06 rad of a finger's joint, half of that of a wrist's joint, and
-            3 cm of what a slider is told, which it follows slowly.
+        scale: Change of the player's action by an action of 1, above 0. With the default reach,
+            0.05 changes the target of a finger joint by 0.06 rad, of a wrist joint by 0.03 rad, and
+            of a slider, which follows slowly, by 3 cm.
         model: The file of the sight-reader's network, or a folder with a ``hand.safetensors``; by
-            default the one that comes with the package.
+            default the network in the package.
 
     Raises:
-        ConfigError: If an argument is wrong, the environment has other actions, there is no such
-            file, or the network was trained for another environment.
+        ConfigError: If an argument is wrong, the environment has other actions, the file is
+            missing, or the network was trained for another environment.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class PlayerResidual(Residual, gym.utils.RecordConstructorArgs):
 
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, (n,), of what a hand observes, as the sight-reader's."""
+        """Mean and standard deviation, (n,), of a hand's observation in the sight-reader."""
         tensors = HandModel.load(SHIPPED if self._model is None else self._model).tensors
         mean, scale = (tensors[f"standardize.{name}"].astype(float) for name in ("mean", "scale"))
         return mean, 1 / scale

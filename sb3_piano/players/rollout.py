@@ -1,4 +1,4 @@
-"""The loop in which players play: from one player in one environment, episode after episode."""
+"""Roll-outs of one player in one environment, episode after episode."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ Env = gym.Env[Any, Any]
 
 
 class Player(Protocol):
-    """Whatever plays: a model of Stable-Baselines3, a planned pianist, or anything with its method.
+    """Protocol of players: models of Stable-Baselines3, the players of this package, and others.
 
-    Players that draw at random also have ``reset(seed)``.
+    Players with a random generator also have ``reset(seed)``.
     """
 
     def predict(
@@ -36,27 +36,27 @@ class Player(Protocol):
         episode_start: npt.NDArray[np.bool_] | None = None,
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
-        """Return what to play next, and the state for the next call."""
+        """Return the next action and the state for the next call."""
 
 
 class Transition(NamedTuple):
     """A control step of a roll-out."""
 
     observation: Any
-    """What the player saw."""
+    """Observation of the player."""
     label: Any
-    """The action that the player chose."""
+    """Action that the player chose."""
     action: Any
-    """The action that was played: the same, unless something disturbs it."""
+    """Action that was played: the same unless disturbed."""
     reward: float
     terminated: bool
     info: dict[str, Any]
     after: Any
-    """What is observed after it."""
+    """Observation after the step."""
 
 
 Disturb = Callable[[Any, Any], Any]
-"""Returns the action that is played for an observation and the action that the player chose."""
+"""Function of the observation and the player's action that returns the action to play."""
 
 
 def rollout(
@@ -70,21 +70,21 @@ def rollout(
     disturb: Disturb | None = None,
     on_step: Callable[[Transition], object] = lambda transition: None,
 ) -> Iterator[Take]:
-    """Let a player play, without exploring; yield a take of each episode when it has ended.
+    """Play episodes with the deterministic policy; yield a take of each when it has ended.
 
-    The first episode begins from the seed, and the others go on from there, as in Gymnasium. What
-    is recorded is what an :class:`~sb3_piano.envs.EpisodeRecorder` among the wrappers sees; without
-    one it is what the outermost wrapper earns.
+    The seed applies to the first episode, and the others continue its random sequence, as in
+    Gymnasium. An :class:`~sb3_piano.envs.EpisodeRecorder` among the wrappers decides which rewards
+    are recorded; without one, those of the outermost wrapper are.
 
     Args:
-        player: Who plays.
-        env: An environment, or a vector of one as of Stable-Baselines3.
-        episodes: How many episodes to play; ``None`` for as many as are asked for.
-        seed: Seeds the environment and what the player draws at random; ``None`` leaves both.
+        player: The player.
+        env: An environment, or a Stable-Baselines3 vector environment of one.
+        episodes: Number of episodes; ``None`` for no limit.
+        seed: Seed of the environment and of the player; ``None`` leaves both as they are.
         options: Options of each episode's ``reset``, such as the score.
-        resting: Whether the hands rest, whatever the player says.
-        disturb: Changes the actions that are played.
-        on_step: Is called after each control step.
+        resting: Whether the hands rest and the player's actions are ignored.
+        disturb: Function that changes the actions to play.
+        on_step: Function called after each control step.
 
     Raises:
         ConfigError: If a number is out of range.
@@ -101,7 +101,7 @@ def rollout(
         player.reset(seed)
     recorder.resting = resting
     observation, _ = stage.reset(seed=seed, options=options)
-    recorder.finished.clear()  # an episode that was left under way ends here
+    recorder.finished.clear()  # an unfinished episode ended with this reset
     played = _episodes(player, stage, recorder, observation, options, disturb, on_step)
     return itertools.islice(played, count)
 
@@ -119,7 +119,7 @@ def _episodes(
     label = None
     while True:
         start = np.full(getattr(env, "num_envs", 1), over)
-        # While the hands rest, nobody hears what is asked; to search for it would take long.
+        # Actions are ignored while the hands rest, and some players need long to compute one.
         if label is None or not recorder.resting:
             with torch_computing():
                 label, state = player.predict(observation, state, start, deterministic=True)
@@ -133,7 +133,7 @@ def _episodes(
         if recorder.finished:
             yield recorder.finished.pop()
             observation, _ = env.reset(options=options)
-        else:  # a wrapper further out has ended it: its record is there when the next one begins
+        else:  # an outer wrapper has ended it: it is recorded when the next one begins
             observation, _ = env.reset(options=options)
             yield recorder.finished.pop()
 
@@ -144,9 +144,9 @@ def _recorder_in(env: Env) -> EpisodeRecorder | None:
 
 
 class _FirstOfVector:
-    """A vector of environments of which the first one is played, as a single environment.
+    """Adapter of a vector environment's first environment to a single environment.
 
-    Where the hands of a piano are agents, the vector has a row for each.
+    If the hands of a piano are agents, the vector has a row for each hand.
     """
 
     def __init__(self, venv: VecEnv) -> None:
@@ -167,7 +167,7 @@ class _FirstOfVector:
         return self._venv.reset(), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Step; what the vector observes after an episode's end belongs to the next one."""
+        """Step. After an episode's end, the vector's observation belongs to the next episode."""
         observation, reward, done, infos = self._venv.step(action)
         over = bool(done[0])
         self._next = observation if over else None

@@ -1,4 +1,4 @@
-"""Predictive sampling: changes are tried in simulation, the best one's first step is played."""
+"""Predictive sampling: simulate candidate changes, and play the best one's first step."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ if TYPE_CHECKING:
 class PredictiveSampling(PianoPolicy):
     """Search the next control steps in simulation, anew in every control step.
 
-    The candidates are the best one of the last control step as it goes on, nothing but the nominal
-    controls (with a plan), and random changes of the former. Each is simulated from the
-    environment's present state on, rated at the end of every control step with
-    :class:`SamplingCost`, and the first step of the best is played. The pedal follows the score.
+    The candidates are the continued best one of the last control step, the nominal controls (with a
+    plan), and random changes of the former. Each is simulated from the environment's present state
+    and rated after every control step with :class:`SamplingCost`. The first step of the best one is
+    played. The pedal follows the score.
 
-    ``nominal="plan"`` changes what the tracker of a plan does, and its joint feedback acts within
-    the simulations, too. ``nominal="none"`` is the algorithm without any plan, the model-predictive
-    baseline of RoboPianist: it starts from hands at rest and knows what is due within the horizon.
+    ``nominal="plan"`` changes the controls of a plan's tracker, whose joint feedback acts within
+    the simulations, too. ``nominal="none"`` is the algorithm without a plan, the model-predictive
+    baseline of RoboPianist: it starts from hands at rest and knows the keys due within the horizon.
     It needs more samples and a longer horizon, such as 32 and 12.
 
-    Nothing is learnt. The environment is asked for its state and left as it is, its random
-    generator included. Equal seeds give equal actions, whatever the number of threads.
+    Nothing is learnt. The environment's state is read but not changed, nor is its random generator.
+    Equal seeds give equal actions for any number of threads.
 
     Source: Howell et al. (2022), "Predictive Sampling: Real-time Behaviour Synthesis with MuJoCo".
     As there, a candidate is a spline over the horizon, Gaussian noise is added at its knots, and
-    the unchanged best one always takes part. Departures: straight lines between knots; one round of
-    candidates a control step, for which the environment waits, and around a plan only where a key
-    would sound wrong within the horizon otherwise; noise in radians and metres, for a
-    share of the actuators; candidates are given up when they can no longer win; and a discount. The
-    project page of RoboPianist tells the baseline's F1 on its etudes (0.43 on average) but neither
-    horizon nor samples nor cost: those here are ours, with the keys rated as they are scored and
-    fingers as in the environment's reward.
+    the unchanged best one always takes part. Departures: linear interpolation between knots; one
+    round of candidates per control step, while the environment waits, and around a plan only if a
+    key would otherwise sound wrong within the horizon; noise in radians and metres on a share of
+    the actuators; early stopping of candidates that can no longer win; and a discount. The project
+    page of RoboPianist has the baseline's mean F1 on its etudes (0.43), but not its horizon,
+    samples and cost. Those here are ours: keys are rated as they are scored, fingers as in the
+    environment's reward.
     """
 
     def __init__(
@@ -70,26 +70,26 @@ class PredictiveSampling(PianoPolicy):
         Args:
             env: The environment, wrapped or not, or several of them in this process as a vector
                 environment of Stable-Baselines3.
-            nominal: "plan" or "none": what candidates change.
+            nominal: Controls that candidates change: "plan" or "none".
             samples: Candidates in each control step, at least 1; a single one plays the nominal
                 controls.
-            horizon: Control steps that are simulated, at least 1.
+            horizon: Simulated control steps, at least 1.
             physics: Physics profile to simulate in ("fast" costs a quarter of "reference"); None
                 for the environment's own.
             n_threads: Threads that simulate, the calling one included; by default one for each
                 candidate or each usable core, whichever are fewer.
-            seed: Of the candidates, 0 or more.
-            noise: How candidates differ; by default ``SamplingNoise()`` with a plan, else
+            seed: Seed of the candidates, 0 or more.
+            noise: Noise of the candidates; by default ``SamplingNoise()`` with a plan, else
                 ``NOISE_FROM_ZERO``.
-            cost: How they are rated; by default ``SamplingCost()`` with a plan, else
+            cost: Cost of the candidates; by default ``SamplingCost()`` with a plan, else
                 ``COST_FROM_ZERO``.
             plan_settings: The plan's settings.
-            plan: A file of a plan, such as ``sb3-piano plan --refine`` writes, around which
-                candidates are drawn in place of planning. It is read before the first note.
+            plan: A plan file, such as ``sb3-piano plan --refine`` writes, to use in place of
+                planning. It is read before the first note.
 
         Raises:
-            ConfigError: If an argument is out of range, ``plan`` is given where none is followed,
-                or the environment is out of reach.
+            ConfigError: If an argument is out of range, ``plan`` is given with nominal "none", or
+                the environment is in another process.
         """
         super().__init__(env)
         self._planned = checked("nominal", nominal, Literal["plan", "none"]) == "plan"
@@ -106,18 +106,18 @@ class PredictiveSampling(PianoPolicy):
         self._trackers = Trackers(plan_settings, plan, len(self._pianos))
         self.set_random_seed(seed)
         self._episodes: list[_Episode | None] = [None] * len(self._pianos)
-        # Made here, so that what does not fit is told at once.
+        # Made here, so that errors are raised at once.
         self._simulations = [self._make_simulations(piano) for piano in self._pianos]
 
     def set_random_seed(self, seed: int) -> None:
-        """Draw candidates from here on as a new player with this seed would."""
+        """Seed the candidates as for a new player with this seed."""
         seeds = np.random.SeedSequence(checked("seed", seed, Index)).spawn(len(self._pianos))
         self._random = [np.random.default_rng(own) for own in seeds]
 
     def _act(
         self, slot: int, step: int, observation: npt.NDArray[Any]
     ) -> npt.NDArray[np.floating[Any]]:
-        del observation  # what the simulation is in is asked of the environment itself
+        del observation  # the state is read from the environment itself
         piano = self._pianos[slot]
         _check_step(piano, step)
         episode = self._episode(slot, step)
@@ -132,7 +132,7 @@ class PredictiveSampling(PianoPolicy):
         return piano.action_map.action(controls, pedal_down=bool(piano.roll.sustain[step]))
 
     def _episode(self, slot: int, step: int) -> _Episode:
-        """Return what is known of an episode, or begin one."""
+        """Return the state of the present episode, or begin one."""
         piano, known = self._pianos[slot], self._episodes[slot]
         moved = self._simulations[slot].source is not piano.scene  # other keys are rigid now
         if moved:
@@ -153,16 +153,16 @@ class PredictiveSampling(PianoPolicy):
 
 
 class _Episode:
-    """State that is kept from one control step to the next."""
+    """State between control steps."""
 
     def __init__(self, roll: PianoRoll, candidates: Candidates, search: CandidateSearch):
         self.roll = roll
         self.candidates = candidates
         self.search = search
         self.knots = candidates.none()
-        """(k, nu) the change that was best in the last control step."""
+        """(k, nu) best change of the last control step."""
         self.next_step = 0
-        """The control step that it is good for."""
+        """Control step after it."""
 
 
 def _check_step(piano: PianoEnv, step: int) -> None:
@@ -170,7 +170,7 @@ def _check_step(piano: PianoEnv, step: int) -> None:
         raise EnvStateError(
             f"The action for control step {step} is asked for, but the environment is in step "
             f"{piano.steps_played}: predictive sampling plays only in the environment that it was "
-            "made for, each step from the state that it is in."
+            "made for, each step from the environment's present state."
         )
     if step >= len(piano.roll):
         raise EnvStateError(

@@ -1,4 +1,4 @@
-"""The sight-reader: one learned network of a hand plays any piece at once, with both hands."""
+"""Sight-reader: a learned network of one hand that plays any piece with both hands."""
 
 from __future__ import annotations
 
@@ -29,25 +29,23 @@ if TYPE_CHECKING:
 
 
 class SightReader(PianoPolicy):
-    """Reads each piece before its first note, and plays it by a learned network, without a plan.
+    """Play any piece by a learned network, without a plan, after reading it before its first note.
 
-    It plays whatever its environments play, also where wrappers choose the piece, and whatever they
-    observe: with the observation "hands" it goes by what it is given, otherwise it looks at the
-    simulation itself. Its actions are those of the environment: the piano's own, or those of
-    :class:`~sb3_piano.wrappers.HandActions`.
+    It plays the pieces of its environments, also if wrappers choose them, with any observation. It
+    uses the observation "hands" if given, and otherwise reads the simulation. Its actions are the
+    environment's: the piano's own, or those of :class:`~sb3_piano.wrappers.HandActions`.
 
-    Notes without a finger get one: the robot's, or, where other notes have fingers, one that goes
-    with those. A :class:`PlanWarning` tells of notes that no finger can hold as they are written.
+    Notes without a finger get one: one that matches the other notes' fingers, or the robot's if no
+    note has one. A :class:`PlanWarning` lists notes that no finger can hold as written.
 
     Args:
         env: The environment, wrapped or not, or several of them in this process as a vector
             environment of Stable-Baselines3.
-        model: The network of a hand, or its file; by default the one that comes with the package.
+        model: The network of a hand, or its file; by default the one in the package.
 
     Raises:
-        ConfigError: If the environment is no piano, or out of reach in another process; if there is
-            no such file; if the network was trained for another control step, action space or
-            observation.
+        ConfigError: If the environment is no piano, or in another process; if the file is missing;
+            if the network was trained for another control step, action space or observation.
     """
 
     def __init__(
@@ -84,37 +82,37 @@ class SightReader(PianoPolicy):
         return piano.action_map.action(controls, pedal_down=bool(piano.roll.sustain[step]))
 
     def _reading(self, slot: int) -> _Read:
-        """Return what was read of the piece that an environment plays, or read it."""
+        """Return the reading of an environment's piece; read it if new."""
         piano, known = self._pianos[slot], self._read[slot]
         if known is not None and known.roll is piano.roll and known.scene is piano.scene:
             return known
-        if known is not None and known.scene is piano.scene:  # otherwise other keys are rigid now
+        if known is not None and known.scene is piano.scene:  # else other keys are rigid now
             encoding = known.encoding
         else:
             encoding = HandEncoding(piano.scene, piano.config)
         roll = piano.goal.fingered_roll
         problems = unheld(encoding.read(roll).roll)
-        if piano.config.observation == "hands":  # the environment has told of those without finger
+        if piano.config.observation == "hands":  # the environment has warned of unlabelled notes
             problems = [one for one in problems if one.finger != UNKNOWN_FINGER]
         if problems:
             warnings.warn(summary(problems), PlanWarning, stacklevel=4)
-        layout = self._layout if self._normalizer is None else None  # which cuts what is far off
+        layout = self._layout if self._normalizer is None else None  # VecNormalize clips
         shown = layout is not None and _places(layout) == _places(encoding.layout)
-        shown = shown and roll.equals(piano.asked_roll)  # which ``goal_time`` may shift
+        shown = shown and roll.equals(piano.asked_roll)  # ``goal_time`` may shift it
         self._read[slot] = made = _Read(piano.roll, piano.scene, encoding, shown)
         return made
 
 
 @dataclass(frozen=True, eq=False)
 class _Read:
-    """A piece that was read."""
+    """Reading of a piece."""
 
     roll: PianoRoll
-    """The piece, as the environment has it."""
+    """The environment's piano roll."""
     scene: PianoScene
     encoding: HandEncoding
     shown: bool
-    """Whether the environment shows the same."""
+    """Whether the environment's observation is that of ``encoding``."""
 
 
 def _places(layout: ObservationLayout) -> dict[str, slice]:
@@ -122,10 +120,10 @@ def _places(layout: ObservationLayout) -> dict[str, slice]:
 
 
 def _hand_actions(single: gym.Env[Any, Any], env: gym.Env[Any, Any] | VecEnv) -> HandActions | None:
-    """Return the wrapper whose actions an environment takes; ``None`` for the piano's own.
+    """Find the wrapper whose actions an environment takes; ``None`` for the piano's own.
 
     Raises:
-        ConfigError: If it takes others.
+        ConfigError: If it takes other actions.
     """
     if any(isinstance(layer, HandActions) for layer in layers(single)):
         wrapper = hand_actions_of(single, "The sight-reader")

@@ -1,4 +1,4 @@
-"""Specs of players: who plays, in one text for commands, YAML and Python."""
+"""Specifications of players, written as one text in commands, YAML and Python."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ _PLAN_FIELDS = tuple(one.name for one in dataclasses.fields(PlanSettings))
 
 @dataclass(frozen=True, kw_only=True)
 class PlayerSpec:
-    """Who plays: a player by its name and settings, or a trained run by its folder.
+    """Specification of a player: its name and settings, or the folder of a trained run.
 
     As text:
 
     ================================= ==========================================================
     ``sight-reader``                  one of :data:`~sb3_piano.players.PLAYERS`
     ``sampling:samples=32,horizon=6`` the same with settings
-    ``planned:passes=3``              settings of the plan likewise, see ``PlanSettings``
+    ``planned:passes=3``              settings of the plan, see ``PlanSettings``
     ``hand.safetensors``              the sight-reader with the network in this file
     ``runs/sac/RoboPianist-v0_1``     the model of a run
     ``tree:64x8:PLAYER``              a tree search in front of any of these
@@ -54,9 +54,9 @@ class PlayerSpec:
     name: str
     """One of :data:`~sb3_piano.players.PLAYERS`, or the folder of a run."""
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    """Arguments of the player's class; fields of ``PlanSettings`` may stand among them."""
+    """Arguments of the player's class, and fields of ``PlanSettings``."""
     tree: TreeSettings | None = None
-    """The tree search in front of it, if any."""
+    """Settings of a tree search that uses the player, if any."""
 
     def __post_init__(self) -> None:
         if self.is_run:
@@ -80,7 +80,7 @@ class PlayerSpec:
 
     @classmethod
     def parse(cls, text: str | os.PathLike[str]) -> PlayerSpec:
-        """Return the spec that a text stands for.
+        """Parse a text.
 
         Raises:
             ConfigError: If there is no such player, or it has no such setting.
@@ -108,7 +108,7 @@ class PlayerSpec:
 
     @property
     def label(self) -> str:
-        """Its name in names of folders and data sets, such as ``planned-passes3``."""
+        """Its name in folders and data sets, such as ``planned-passes3``."""
         values = {n: Path(str(value)).stem for n, value in self.arguments.items()}
         given = [n if n == value else f"{n}{value}" for n, value in values.items()]
         tree = [] if self.tree is None else [f"{TREE}{self.tree}"]
@@ -117,21 +117,21 @@ class PlayerSpec:
 
     @property
     def is_run(self) -> bool:
-        """Whether it is the model of a run, which plays in the environment that it was made for."""
+        """Whether it is the model of a run, which plays in the run's environment."""
         return self.name not in PLAYERS
 
     @property
     def file(self) -> str | None:
-        """The file of the network or of the plan by which it plays, if one is named."""
+        """File of its network or plan, if given."""
         return self.arguments.get("model") or self.arguments.get("plan")
 
     def make(self, env: gym.Env[Any, Any] | VecEnv, seed: int = 0) -> PianoPolicy:
-        """Return the player in an environment.
+        """Make the player for an environment.
 
         Args:
             env: The environment, wrapped or not, or several of them in this process as a vector
                 environment of Stable-Baselines3.
-            seed: Of what it draws at random, at least 0.
+            seed: Seed of its random generator, at least 0.
 
         Raises:
             ConfigError: If it cannot play there, or is a run, which has its own environment.
@@ -157,17 +157,17 @@ class PlayerSpec:
         player: PianoPolicy = kind(env, **made)
         if self.tree is None:
             return player
-        from sb3_piano.players.tree_search import TreeSearch  # which needs torch
+        from sb3_piano.players.tree_search import TreeSearch  # imports torch
 
         return TreeSearch(player, env, self.tree, seed=seed)
 
 
-# Names that the signatures of players only import for type checkers.
+# Names in the players' signatures that are imported for type checkers only.
 _LOCAL: dict[str, Any] = {"VecEnv": Any}
 
 
 def _plan_argument(name: str) -> str:
-    """Return the argument of a player's class that takes ``PlanSettings``; empty without one."""
+    """Find the argument of a player's class that takes ``PlanSettings``; empty without one."""
     parameters = inspect.signature(player_class(name)).parameters
     return next((one for one in ("plan_settings", "settings") if one in parameters), "")
 
@@ -183,7 +183,7 @@ def _with_tree(text: str, rest: str) -> PlayerSpec:
 
 
 def _settings(text: str, listed: str) -> dict[str, Any]:
-    """Return the settings that ``NAME=VALUE,...`` has, each value as YAML reads it."""
+    """Parse ``NAME=VALUE,...``, each value as YAML."""
     found = {}
     for entry in filter(None, listed.split(",")):
         name, equals, value = entry.partition("=")
@@ -199,7 +199,7 @@ def _settings(text: str, listed: str) -> dict[str, Any]:
 
 
 def _from_mapping(value: Any, kind: Any) -> Any:
-    """Return settings of an argument from a mapping of their fields, all else as it is."""
+    """Convert a mapping to the dataclass of an argument's type; return other values unchanged."""
     options = [kind, *typing.get_args(kind)]
     made = next((option for option in options if dataclasses.is_dataclass(option)), None)
     return made(**value) if isinstance(value, Mapping) and callable(made) else value

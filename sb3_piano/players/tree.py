@@ -1,4 +1,4 @@
-"""Trees of what may be played next, searched by trying it: nodes, visits and values."""
+"""Monte Carlo tree search over actions: nodes, visits and values."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Count, NotNegative, Number, Positive, settings
 
 _EQUAL = 1e-8
-"""Values of siblings that are no further apart are not told from each other (the paper's 1e-8)."""
+"""Siblings whose values differ by no more count as equal (the paper's 1e-8)."""
 
 _NOTHING = np.zeros(0, dtype=np.float32)
 
 
 @settings
 class TreeSettings:
-    """Size and shape of a tree.
+    """Size and shape of a search tree.
 
     Raises:
         ConfigError: If a value is out of range.
@@ -33,7 +33,7 @@ class TreeSettings:
     depth: Count = 8
     """Control steps from the root at which nodes have no children."""
     exploration: NotNegative = 1.0
-    """Weight of what draws the search to children that were visited seldom."""
+    """Weight of the exploration bonus for rarely visited children."""
     widening: Positive = 1.0
     """A node of N visits gets a new child while it has fewer than this times N to the power
     ``widening_exponent``."""
@@ -42,10 +42,10 @@ class TreeSettings:
 
     @classmethod
     def parse(cls, text: str) -> TreeSettings:
-        """Return what "64x8" stands for, simulations and depth, or "64x8x0.5" with ``widening``.
+        """Parse "64x8", simulations and depth, or "64x8x0.5" with ``widening``.
 
         Raises:
-            ConfigError: If the text is no such thing.
+            ConfigError: If the text has another form.
         """
         try:
             simulations, depth, *widening = text.split("x")
@@ -64,42 +64,42 @@ class TreeSettings:
 
 
 class Step(NamedTuple):
-    """A control step that was tried."""
+    """Result of a control step that was tried."""
 
     observation: Any
-    """What is observed after it."""
+    """Observation after it."""
     reward: float
-    """What it earned."""
+    """Its reward."""
     moment: Any
-    """Where it led, to go on from there."""
+    """State after it, for further steps."""
     terminal: bool
-    """Whether the episode ended with it."""
+    """Whether it ended the episode."""
 
 
 class World(Protocol):
-    """What a tree is searched in."""
+    """Simulated environment of a tree search."""
 
     gamma: float
     """Discount of a control step."""
 
     def go_back(self, moment: Any) -> None:
-        """Go to a moment."""
+        """Restore a state."""
 
     def step(self, moment: Any, action: Float32Array) -> Step:
-        """Try an action in a moment."""
+        """Try an action in a state."""
 
     def judge(self, observation: Any) -> tuple[float, Float32Array]:
-        """Return what is still to be expected where the world is now, and the policy's action.
+        """Return the value of the present state, and the policy's action there.
 
-        It is not asked where the episode has ended.
+        It is not called after an episode's end.
         """
 
     def propose(self, observation: Any, mode: Float32Array) -> Sequence[Float32Array]:
-        """Return some actions other than the policy's own."""
+        """Propose actions other than the policy's own."""
 
 
 class Edge(NamedTuple):
-    """An action that was tried, and where it led."""
+    """Action that was tried, with its reward and the next node."""
 
     action: Float32Array
     reward: float
@@ -108,7 +108,7 @@ class Edge(NamedTuple):
 
 @dataclass(eq=False, slots=True, kw_only=True)
 class Node:
-    """A state, and what was found out about it."""
+    """State in a search tree, with its statistics."""
 
     observation: Any
     moment: Any
@@ -116,25 +116,25 @@ class Node:
     """Control steps from the root."""
     terminal: bool
     value: float
-    """What is expected without looking further ahead; 0 where the episode has ended."""
+    """Value without further lookahead; 0 after the episode's end."""
     mode: Float32Array
-    """The policy's own action, the first that is tried; empty where the episode has ended."""
+    """The policy's own action, which is tried first; empty after the episode's end."""
     visits: int = 0
-    """How many simulations came here."""
+    """Number of simulations through this node."""
     total: float = 0.0
-    """Sum of the returns from here that they found."""
+    """Sum of their returns from this node."""
     edges: list[Edge] = field(default_factory=list)
     proposals: list[Float32Array] = field(default_factory=list)
-    """Other actions that are yet to be tried."""
+    """Other actions not yet tried."""
 
 
 class Found(NamedTuple):
     """Result of a search."""
 
     action: Float32Array
-    """The action at the root that was tried most, of equals the one with the higher value."""
+    """Most visited action at the root; in a tie the one with the higher value."""
     root: Node
-    """The whole tree."""
+    """Root of the tree."""
     deepest: int
     """Depth of its deepest node, in control steps."""
     visit_share: float
@@ -142,26 +142,26 @@ class Found(NamedTuple):
 
 
 class Tree:
-    """Searches what to do in a world, by trying it.
+    """Monte Carlo tree search for the next action.
 
-    Each simulation goes down from the root. A node with fewer children than ``widening`` allows
-    gets one more, the policy's own action first and then samples of it: the new node's value is
-    what the critics expect of the policy's action there, or 0 where the episode has ended. From any
-    other node it goes on to the child with the greatest sum of value and of what draws it to seldom
-    visited ones, down to ``depth``. Then the return that it found is added to all nodes on its way.
+    Each simulation descends from the root. A node with fewer children than ``widening`` allows gets
+    a new child, first for the policy's own action and then for samples of it. The new node's value
+    is the critics' value of the policy's action there, or 0 after the episode's end. From any other
+    node the simulation descends to the child with the greatest sum of value and exploration bonus,
+    down to ``depth``. Then its return is added to all nodes on its path.
 
     Source: "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", appendix A:
-    UCT (Kocsis and Szepesvári 2006) with values between the least and the greatest of siblings, and
-    progressive widening.
+    UCT (Kocsis and Szepesvári 2006) with values scaled to the range of siblings, and progressive
+    widening.
     """
 
     def __init__(self, world: World, shape: TreeSettings):
-        """Choose where and how to search."""
+        """Take the world to search in and the tree's settings."""
         self._world = world
         self._shape = shape
 
     def search(self, observation: Any, moment: Any) -> Found:
-        """Return what to do in a moment in which something is observed."""
+        """Search the best action in a state with an observation."""
         self._world.go_back(moment)
         root = self._node(observation, moment, depth=0, terminal=False)
         deepest = 0
@@ -178,11 +178,11 @@ class Tree:
         )
 
     def edge_value(self, edge: Edge) -> float:
-        """Return the mean return that was found behind an action, its own reward included."""
+        """Compute the mean return of an action, including its own reward."""
         return edge.reward + self._world.gamma * edge.child.total / edge.child.visits
 
     def _simulate(self, root: Node) -> int:
-        """Go down once, and tell all on the way what was found; return how deep it went."""
+        """Run one simulation and add its return along the path; return the depth reached."""
         path, node = list[Edge](), root
         while not node.terminal and node.depth < self._shape.depth:
             edge = self._new_edge(node) if self._widens(node) else self._chosen_edge(node)
@@ -218,7 +218,7 @@ class Tree:
         return node.edges[-1]
 
     def _node(self, observation: Any, moment: Any, depth: int, terminal: bool) -> Node:
-        # Where the episode has ended nothing is played any more.
+        # No action follows an episode's end.
         value, mode = (0.0, _NOTHING) if terminal else self._world.judge(observation)
         return Node(
             observation=observation,

@@ -1,4 +1,4 @@
-"""Tree search: the actions of a trained policy, tried in simulation before one is played."""
+"""Player that improves a trained policy or another player by tree search in simulation."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from sb3_piano.wrappers.hand_actions import change_of_actions
 from sb3_piano.wrappers.piano import piano_of
 
 _WATCHERS = (Monitor, EpisodeRecorder)
-"""Wrappers that only write down what happens."""
+"""Wrappers that only record."""
 _WITHOUT_MEMORY = (
     gym.Wrapper.step,
     gym.ObservationWrapper.step,
@@ -41,12 +41,12 @@ _WITHOUT_MEMORY = (
 
 
 class SearchStatistics(NamedTuple):
-    """What trees looked like, as means over the control steps."""
+    """Statistics of search trees, as means over the control steps."""
 
     steps: int
     """Number of control steps."""
     children: float
-    """Actions that were tried at the root."""
+    """Actions tried at the root."""
     deepest: float
     """Depth of the deepest node."""
     visit_share: float
@@ -54,26 +54,26 @@ class SearchStatistics(NamedTuple):
 
 
 class TreeSearch(PianoPolicy):
-    """Play what a trained model or another player would, after looking ahead.
+    """Improve the actions of a trained model or another player by lookahead.
 
-    In each control step a tree of actions is searched (see :class:`~sb3_piano.players.tree.Tree`):
-    the policy proposes them, a copy of the environment tells what each leads to and earns, and the
-    critics value where the tree ends. The action that was tried most is played. Nothing is learnt.
+    Each control step searches a tree of actions (see :class:`~sb3_piano.players.tree.Tree`). The
+    policy proposes them, a copy of the environment simulates their results and rewards, and the
+    critics value the leaves. The most visited action is played. Nothing is learnt.
 
-    A player without critics, such as the sight-reader, proposes what it would play and variations
-    of it. What they earn is then told by what is heard, and by nothing beyond the tree: see
+    A player without critics, such as the sight-reader, proposes its own action and variations of
+    it. Their rewards are then musical, and leaves have the value 0: see
     :class:`~sb3_piano.players.guides.PlayerGuide`.
 
-    The environment that is played in is not touched: the copy is made when an episode begins, with
-    all wrappers. Wrappers that remember something between control steps must have ``snapshot`` and
-    ``go_back``, as those of this package do.
+    The played environment is not changed. When an episode begins, it is copied with all wrappers.
+    Wrappers with a state between control steps must have ``snapshot`` and ``go_back``, as the
+    wrappers of this package do.
 
-    A model's rewards are those of the environment. The values of SAC's critics have its entropy in
-    them. The end of a piece is worth nothing, as in the source, though the critics of
-    Stable-Baselines3 look beyond it.
+    A model's rewards are those of the environment. The values of SAC's critics include its entropy.
+    The end of a piece has the value 0, as in the source, although the critics of Stable-Baselines3
+    look beyond it.
 
-    With the default widening 64 simulations reach about 5 control steps ahead, whatever ``depth``
-    says: ``widening=0.5`` goes deeper, with half as many actions; :attr:`statistics` tells.
+    With the default widening 64 simulations look about 5 control steps ahead for any larger
+    ``depth``. ``widening=0.5`` searches deeper, with half as many actions; see :attr:`statistics`.
 
     Source: "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", section 4.3
     and appendix A. There the trained piece gains nothing, and an unseen one 0.08 to 0.11 in onset
@@ -89,22 +89,22 @@ class TreeSearch(PianoPolicy):
         noise: float = 0.12,
         seed: int = 0,
     ) -> None:
-        """Take who is to look ahead, and the environments to act in.
+        """Take the model or player, and the environments to act in.
 
         Args:
             model: A trained model of SAC, TD3, DDPG, TQC or CrossQ, or a player of these
-                environments; it is used, not changed.
+                environments; it is not changed.
             env: The environment, wrapped or not, or several of them in this process as a vector
                 environment of Stable-Baselines3, normalised as the model was trained.
             shape: Size and shape of the trees; by default ``TreeSettings()``.
-            noise: Standard deviation of what is added to an action to get others, where there is no
-                distribution of them, as of TD3 and of players: rad of a finger's joint; other
-                actuators as far as moves a fingertip as much.
-            seed: Of these actions, 0 or more.
+            noise: Standard deviation of the noise that gives other actions, for models without a
+                distribution of actions (TD3, players): rad of a finger joint; for other actuators
+                the amount that moves a fingertip as far.
+            seed: Seed of these actions, 0 or more.
 
         Raises:
-            ConfigError: If the model has no critics, the environment is out of reach, none of the
-                model's, or has a wrapper that cannot go back.
+            ConfigError: If the model has no critics, or the environment is in another process, does
+                not fit the model, or has a wrapper that cannot go back.
         """
         super().__init__(env)
         self._envs = single_envs(env)
@@ -133,24 +133,24 @@ class TreeSearch(PianoPolicy):
             )
 
     def _noise_of_actions(self, rad: float) -> FloatArray:
-        """Return the standard deviation of the noise, (n,), for actions of n numbers."""
+        """Compute the standard deviation of the noise, (n,), for actions of n numbers."""
         noise = np.zeros(self._envs[0].action_space.shape or ())
         try:
             change = np.abs(change_of_actions(self._envs[0], rad, "TreeSearch"))
-        except ConfigError:  # actions of another kind, each of which is a share of its range
+        except ConfigError:  # other actions: shares of their ranges
             return np.full(noise.shape, rad)
         noise[: len(change)] = change  # the pedal may follow
         return noise
 
     @property
     def statistics(self) -> SearchStatistics:
-        """What the trees looked like so far."""
+        """Statistics of the trees so far."""
         if not self._searches:
             return SearchStatistics(0, np.nan, np.nan, np.nan)
         return SearchStatistics(len(self._searches), *map(fmean, zip(*self._searches, strict=True)))
 
     def set_random_seed(self, seed: int) -> None:
-        """Begin anew with what is drawn at random."""
+        """Seed the random generator of the search."""
         self._random = np.random.default_rng(checked("seed", seed, Index))
         if not isinstance(self._model, PianoPolicy):
             self._values.set_random_seed(seed)
@@ -170,29 +170,29 @@ class TreeSearch(PianoPolicy):
 
 
 class Guide(Protocol):
-    """What proposes actions, and says what they are worth."""
+    """Protocol of guides of the search: they propose actions and value states."""
 
     gamma: float
     """Discount of a control step."""
 
     def copied(self, memo: dict[int, Any]) -> Guide:
-        """Return the guide in a copy of the environment, which is in ``memo``."""
+        """Copy the guide for a copy of the environment, which is in ``memo``."""
 
     def reward(self, piano: PianoEnv, reward: float, info: Mapping[str, Any]) -> float:
-        """Return what the last control step was worth."""
+        """Return the reward of the last control step."""
 
     def judge(self, observation: Any) -> tuple[float, Float32Array]:
-        """Return what is expected of the environment's present moment, and what is played."""
+        """Return the value of the environment's present state, and the action there."""
 
     def propose(self, observation: Any, mode: Float32Array) -> list[Float32Array]:
-        """Return actions other than the one that is played."""
+        """Propose actions other than the guide's own."""
 
 
 class PianoWorld:
-    """A copy of an environment, in which actions are tried."""
+    """Copy of an environment, in which actions are tried."""
 
     def __init__(self, env: gym.Env[Any, Any], guide: Guide):
-        """Copy an environment amid an episode, with its guide."""
+        """Copy an environment during an episode, with its guide."""
         memo: dict[int, Any] = {}
         for layer in reversed([one for one in layers(env) if isinstance(one, _WATCHERS)]):
             memo[id(layer)] = copy.deepcopy(layer.env, memo)
@@ -201,31 +201,31 @@ class PianoWorld:
         self._piano: Any = self._env.unwrapped
         self.gamma = guide.gamma
         self.roll = piano_of(env, "TreeSearch").roll
-        """What is played in the environment, by which its episode is known."""
+        """The episode's piano roll, which identifies the episode."""
 
     def go_back(self, moment: Any) -> None:
-        """Go to a moment of the environment or of the copy."""
+        """Restore a state of the environment or of the copy."""
         for layer, state in zip(_with_memory(self._env), moment, strict=True):
             layer.go_back(state)
 
     def step(self, moment: Any, action: Float32Array) -> Step:
-        """Try an action in a moment."""
+        """Try an action in a state."""
         self.go_back(moment)
         observation, reward, terminated, truncated, info = self._env.step(action)
         worth = self._guide.reward(self._piano, float(reward), info)
         return Step(observation, worth, moment_of(self._env), terminated or truncated)
 
     def judge(self, observation: Any) -> tuple[float, Float32Array]:
-        """Return what is expected of the present moment, and what the guide plays."""
+        """Return the value of the present state, and the guide's action."""
         return self._guide.judge(observation)
 
     def propose(self, observation: Any, mode: Float32Array) -> list[Float32Array]:
-        """Return other actions."""
+        """Propose other actions."""
         return self._guide.propose(observation, mode)
 
 
 def _checked_model(model: BaseAlgorithm, env: gym.Env[Any, Any] | VecEnv) -> OffPolicyAlgorithm:
-    """Return a model that has critics and fits the environment; refuse others."""
+    """Check that a model has critics and fits the environment."""
     if not isinstance(model, OffPolicyAlgorithm) or not hasattr(model.policy, "critic"):
         raise ConfigError(
             f"A tree cannot be searched with {type(model).__name__}, which has no critics: "
@@ -242,12 +242,12 @@ def _checked_model(model: BaseAlgorithm, env: gym.Env[Any, Any] | VecEnv) -> Off
 
 
 def _with_memory(env: gym.Env[Any, Any]) -> Iterator[Any]:
-    """Yield the wrappers that remember something between control steps, and the piano."""
+    """Yield the wrappers with a state between control steps, and the piano."""
     return (layer for layer in layers(env) if hasattr(type(layer), "snapshot"))
 
 
 def moment_of(env: gym.Env[Any, Any]) -> list[Any]:
-    """Return where an environment and its wrappers stand, to go back there."""
+    """Save the states of an environment and its wrappers."""
     return [layer.snapshot() for layer in _with_memory(env)]
 
 
@@ -255,7 +255,7 @@ def single_envs(env: gym.Env[Any, Any] | VecEnv) -> Sequence[gym.Env[Any, Any]]:
     """Return the environments of a vector in this process, normalised or not.
 
     Raises:
-        ConfigError: If there is anything else around them.
+        ConfigError: If another vector wrapper is around them.
     """
     wrapper: Any = env
     while isinstance(wrapper, VecEnvWrapper):
@@ -269,10 +269,10 @@ def single_envs(env: gym.Env[Any, Any] | VecEnv) -> Sequence[gym.Env[Any, Any]]:
 
 
 def check_goes_back(env: gym.Env[Any, Any]) -> None:
-    """Refuse wrappers that may remember something between control steps but cannot go back.
+    """Check that wrappers with a possible state between control steps can restore it.
 
     Raises:
-        ConfigError: If there is one.
+        ConfigError: If one cannot.
     """
     for layer in layers(env):
         kind = type(layer)

@@ -1,4 +1,4 @@
-"""The simulated piano and its two Shadow hands."""
+"""MuJoCo simulation of the piano and its hands."""
 
 from sb3_piano.simulation.compiling import compile_scene
 from sb3_piano.simulation.physics import PHYSICS_PROFILES

@@ -1,4 +1,4 @@
-"""The whole scene, put together from its parts and compiled once."""
+"""Assembly and compilation of the scene from its parts."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.simulation.scene import SIDES, PianoScene
 from sb3_piano.simulation.tables import load_table
 
-# Where a finger should press, seen from the centre of a key's top: RoboPianist moves it by these
-# shares of the half length (away from the hinge) and of the half height (up).
+# Offset of the press point from the centre of a key, as in RoboPianist: shares of the half length
+# (away from the hinge) and of the half height (up).
 _PRESS_POINT_X = 0.35
 _PRESS_POINT_Z = 0.5
 
-# Added around a forearm where it is told that it cannot touch the other one, m.
+# Safety margin of the distance beyond which forearms cannot touch, m.
 _CLEARANCE = 0.005
 
 
@@ -44,19 +44,18 @@ def compile_scene(
     """Build and compile the scene; equal arguments return the same object (``copy`` it to change).
 
     Args:
-        reduced_action_space: Without the joints that the hand can do without, as in RoboPianist.
-        gravity_compensation: Let forces balance the weight of the hands.
+        reduced_action_space: Leave out the joints that RoboPianist leaves out, too.
+        gravity_compensation: Balance the weight of the hands by forces.
         physics: Name of a physics profile.
-        moving_keys: The lowest and the highest key that move. The others are rigid: hands rest on
-            them, but they never go down. The fewer move, the faster are the physics steps.
-        sides: Hands that are there, the right one first. Where there is none, each key has an
+        moving_keys: Lowest and highest moving key. The others are rigid: hands can rest on them,
+            but they never go down. Fewer moving keys make physics steps faster.
+        sides: Hands in the scene, the right one first. Without hands each key has an
             actuator.
         hand: Name of a hand, or the path of its folder.
         forearm_dofs: Joints of each forearm; by default its sliders along and across the keyboard.
 
     Raises:
-        ConfigError: If the physics profile or the hand is unknown, or there are no such keys or
-            joints.
+        ConfigError: If the physics profile or the hand is unknown, or keys or joints do not exist.
     """
     options: dict[str, Any] = {
         "reduced_action_space": reduced_action_space,
@@ -71,18 +70,18 @@ def compile_scene(
 
 
 def assemble_scene(parts: Sequence[mujoco.MjSpec], options: Mapping[str, Any]) -> PianoScene:
-    """Attach parts to the first of them, the world, compile it, and index what is in it.
+    """Attach parts to the first of them, the world, compile it, and index its elements.
 
     Args:
-        parts: Those of :func:`scene_parts`, or with more geoms in them.
-        options: The arguments of :func:`scene_parts`.
+        parts: Parts from :func:`scene_parts`, possibly with added geoms.
+        options: Arguments of :func:`scene_parts`.
     """
     prefixes = [f"{part.modelname}/" for part in parts[2:]]
     return _index_scene(attach_parts(parts).compile(), prefixes, options)
 
 
 def attach_parts(parts: Sequence[mujoco.MjSpec]) -> mujoco.MjSpec:
-    """Attach parts, those of :func:`scene_parts`, to the first of them, and return it."""
+    """Attach parts from :func:`scene_parts` to the first of them, and return it."""
     world, *attached = parts
     _number_unnamed(world, "/")
     for part in attached:
@@ -103,10 +102,10 @@ def scene_parts(
     hand: str = DEFAULT_HAND,
     forearm_dofs: tuple[str, ...] | None = None,
 ) -> list[mujoco.MjSpec]:
-    """Return the specifications of the scene: the world, then the keyboard, then the hands.
+    """Make the specifications of the scene: the world, then the keyboard, then the hands.
 
-    Args and errors are those of :func:`compile_scene`, which attaches the parts to the world, each
-    to a body of its own, with its name and a slash before all names.
+    Args and errors are as for :func:`compile_scene`, which attaches each part to its own body of
+    the world and prefixes all names with the part's name and a slash.
     """
     _check_moving_keys(*moving_keys)
     profile = physics_profile(physics)
@@ -114,7 +113,7 @@ def scene_parts(
     world.modelname = "scene"
     world.option.timestep, world.option.integrator = profile.timestep, profile.integrator
     world.option.impratio = 10  # as RoboPianist's
-    # Where all weights are balanced anyway, leaving gravity out changes nothing and is cheaper.
+    # If all weights are balanced, leaving out gravity changes nothing and is cheaper.
     weightless = gravity_compensation and profile.balanced_keys
     if weightless:
         world.option.gravity = [0, 0, 0]
@@ -144,7 +143,7 @@ def scene_parts(
 
 
 def _number_unnamed(spec: mujoco.MjSpec, prefix: str = "") -> None:
-    """Name what has no name as dm_control does: names are a part of the compiled model."""
+    """Name unnamed elements as dm_control does: names are a part of the compiled model."""
     unnamed = {"geom": spec.geoms, "light": spec.lights, "contact": spec.excludes}
     for kind, elements in unnamed.items():
         for number, element in enumerate(e for e in elements if not e.name):
@@ -157,7 +156,7 @@ def _check_moving_keys(first: int, last: int) -> None:
 
 
 def _furnish(spec: mujoco.MjSpec) -> None:
-    """Add what only matters to the eye: floor, light and cameras."""
+    """Add floor, lights and cameras, which do not affect the physics."""
     visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight = 1920, 1080
     # A quarter of MuJoCo's default; pictures look alike, and take half as long without a GPU.
@@ -184,7 +183,7 @@ def _furnish(spec: mujoco.MjSpec) -> None:
         contype=0,
         conaffinity=0,
     )
-    # From behind the keyboard, where fingertips and keys are both in view; then from above.
+    # From behind the keyboard, with a view of fingertips and keys; then from above.
     world.add_camera(
         name="overview", pos=[-0.5, 0, 0.56], xyaxes=[0, -1, 0, 0.56, 0, 0.83], fovy=52
     )
@@ -194,7 +193,7 @@ def _furnish(spec: mujoco.MjSpec) -> None:
 def _index_scene(
     model: mujoco.MjModel, prefixes: Sequence[str], options: Mapping[str, Any]
 ) -> PianoScene:
-    """Look up all names once; prefixes are those of the hands' names."""
+    """Look up all names once; ``prefixes`` begin the names of each hand."""
     (first, last), sides = options["moving_keys"], options["sides"]
     moving, table = slice(first, last + 1), load_table("keyboard")
     colors = [key["color"] for key in table["keys"]]
@@ -254,7 +253,7 @@ def _boxes_of_pressed_keys(
 
 
 def _of_hand(model: mujoco.MjModel, kind: str, prefix: str, hand: HandSpec) -> dict[str, int]:
-    """Return the bodies or the joints of a hand by their short names, in the model's order."""
+    """Find the bodies or the joints of a hand by short name, in the model's order."""
     count = model.nbody if kind == "body" else model.njnt
     names = (getattr(model, kind)(index).name for index in range(count))
     return {hand.short(n): index for index, n in enumerate(names) if n.startswith(prefix)}
@@ -268,7 +267,7 @@ def _forearm_last(joints: Mapping[str, int], hand: HandSpec) -> IntArray:
 
 
 def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> FloatArray:
-    """Return the constant Jacobian of the actuators' lengths: all drive joints or fixed tendons."""
+    """Compute the actuators' Jacobian, constant as all drive joints or fixed tendons."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     moment = np.zeros((model.nu, model.nv))
@@ -279,17 +278,17 @@ def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> Fl
 
 
 def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
-    """Return how far apart along the keyboard the first shapes are, at most, where forearms touch.
+    """Compute the largest distance of touching forearms' first geoms along the keyboard, m.
 
-    What the shapes of forearms cover moves with each of them where they slide; where they turn,
-    it stays within spheres.
+    The extent of forearms that only slide is constant; the geoms of forearms that turn stay within
+    spheres.
     """
     bodies = [model.geom_bodyid[shapes[0]] for shapes in geoms]
     if (model.jnt_type[np.isin(model.jnt_bodyid, bodies)] != mujoco.mjtJoint.mjJNT_SLIDE).any():
         return sum(_farthest(model, shapes) for shapes in geoms)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    row = data.geom_xmat[:, 3:6]  # world y in the frame of each shape
+    row = data.geom_xmat[:, 3:6]  # world y in the frame of each geom
     middle = data.geom_xpos[:, 1] + (row * model.geom_aabb[:, :3]).sum(axis=1)
     half = (np.abs(row) * model.geom_aabb[:, 3:]).sum(axis=1) + model.geom_margin + _CLEARANCE
     low = [(middle - half)[shapes].min() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
@@ -298,6 +297,6 @@ def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
 
 
 def _farthest(model: mujoco.MjModel, shapes: list[int]) -> float:
-    """Return how far from the first of a body's shapes the others reach, whichever way, m."""
+    """Compute the largest distance from a body's first geom to the ends of its geoms, m."""
     away = np.linalg.norm(model.geom_pos[shapes] - model.geom_pos[shapes[0]], axis=1)
     return float((away + model.geom_rbound[shapes] + model.geom_margin[shapes]).max()) + _CLEARANCE

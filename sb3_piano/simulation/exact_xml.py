@@ -1,4 +1,4 @@
-"""XML of a scene with all digits of its numbers, of which MuJoCo writes six."""
+"""MJCF export with all digits of the numbers; MuJoCo itself writes six."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 
 from sb3_piano.engine import mujoco
 
-# What MJCF calls otherwise than MuJoCo's specification does.
+# Attributes of MJCF with other names in MjSpec.
 _INERTIAL = {"pos": "ipos", "quat": "iquat", "diaginertia": "inertia"}
 _MESH = {"vertex": "uservert"}
 
 
 def exact_xml(spec: mujoco.MjSpec) -> str:
-    """Return a specification as MJCF that compiles to the same model, to the last digits.
+    """Export a specification as MJCF that compiles to exactly the same model.
 
-    A number of six digits is off by a millionth, and a performance with many contacts by another
-    one after seconds.
+    Six digits are exact to a millionth only. With many contacts, a performance then differs after
+    seconds.
     """
     root = ElementTree.fromstring(spec.to_xml())
     parts = {

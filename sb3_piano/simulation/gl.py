@@ -1,4 +1,4 @@
-"""Search for an OpenGL library that this machine can draw with, without loading any."""
+"""Search for a usable OpenGL library without loading one."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import sys
 
 
 def find_gl_backend() -> str | None:
-    """Return the name of a usable MuJoCo rendering backend.
+    """Find a usable MuJoCo rendering backend.
 
-    The environment variable ``MUJOCO_GL`` decides if it is set. Otherwise a screen means
-    ``"glfw"``, and a Linux machine without one means ``"egl"`` or ``"osmesa"``, whichever library
-    is installed.
+    The environment variable ``MUJOCO_GL`` decides if set. Otherwise the backend is ``"glfw"`` with
+    a screen, and on Linux without one ``"egl"`` or ``"osmesa"``, the first whose library is
+    installed.
 
     Returns:
-        ``"glfw"``, ``"egl"``, ``"osmesa"``, another value of ``MUJOCO_GL``, or ``None`` if nothing
-        can be drawn.
+        ``"glfw"``, ``"egl"``, ``"osmesa"``, another value of ``MUJOCO_GL``, or ``None`` if no
+        backend is usable.
     """
     chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
     if chosen:

@@ -1,4 +1,4 @@
-"""The keyboard: 88 hinged boxes with springs, and the beam behind them."""
+"""Keyboard: 88 hinged boxes with springs, and the beam behind them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation.tables import load_table
 
 KEY_COLORS = {"white": (0.92, 0.92, 0.9, 1.0), "black": (0.12, 0.12, 0.13, 1.0)}
-"""RGBA of a key at rest, by kind of key."""
+"""RGBA of a key at rest, by the key's colour."""
 
 _BASE_COLOR = (0.18, 0.15, 0.14, 1.0)
 
@@ -17,12 +17,12 @@ _BASE_COLOR = (0.18, 0.15, 0.14, 1.0)
 _GRAVITY = 9.81
 
 ALL_KEYS_MOVE = (0, NUM_KEYS - 1)
-"""The lowest and the highest key that move, where none is rigid."""
+"""Lowest and highest moving key without rigid keys."""
 
 
-# Keys that are driven, by numbers of ours: the stiffness of a servo (N m/rad) holds a key down
-# against its spring within 5 % of its travel; the damping (N m s/rad) keeps it from bouncing. It
-# is the joint's, which MuJoCo integrates implicitly.
+# Servos of driven keys, with our own constants: the stiffness (N m/rad) holds a key down against
+# its spring within 5 % of its travel; the damping (N m s/rad) prevents bouncing. The damping is the
+# joint's, as MuJoCo integrates that implicitly.
 _SERVO_STIFFNESS, _DRIVEN_DAMPING = 50.0, 0.5
 
 
@@ -34,7 +34,7 @@ def build_keyboard(
     moving_keys: tuple[int, int] = ALL_KEYS_MOVE,
     driven: bool = False,
 ) -> mujoco.MjSpec:
-    """Return the specification of the keyboard, to be attached to a scene.
+    """Make the specification of the keyboard, to attach to a scene.
 
     Key ``i`` (0 = A0, 87 = C8) has the geom ``<color>_key_<i>`` and, if it moves, the joint
     ``<color>_joint_<i>``, whose angle is 0 at rest and grows as the key goes down.
@@ -42,12 +42,11 @@ def build_keyboard(
     Args:
         balanced: Hold idle keys by their springs alone, see
             :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
-        rebound: Angle (rad) by which a released key may then swing past 0.
+        rebound: Angle by which a released balanced key may swing past 0, rad.
         gravity: Whether the scene has gravity, which balanced springs then balance.
-        moving_keys: The lowest and the highest key that move; the others are rigid, and in the way
-            as before.
-        driven: Give each key that moves a position servo, ``<color>_actuator_<i>``, whose control
-            range goes from up to fully down.
+        moving_keys: Lowest and highest moving key; the others are rigid, but collide as usual.
+        driven: Give each moving key a position servo, ``<color>_actuator_<i>``, with a control
+            range from up to fully down.
     """
     table = load_table("keyboard")
     assert len(table["keys"]) == NUM_KEYS, "keyboard.json must describe all 88 keys"
@@ -99,7 +98,7 @@ def build_keyboard(
 
 
 def pedal_threshold() -> float:
-    """Return the pedal command, in [0, 1], from which on the sustain pedal is down."""
+    """Return the pedal command, in [0, 1], at and above which the sustain pedal is down."""
     threshold: float = load_table("keyboard")["pedal_threshold"]
     return threshold
 
@@ -107,11 +106,11 @@ def pedal_threshold() -> float:
 def _joint(
     table: dict[str, Any], kind: dict[str, Any], rebound: float | None, gravity: bool
 ) -> dict[str, Any]:
-    """Return range, spring, damping and armature of one kind of keys, balanced if they rebound."""
+    """Compute the joint settings of keys of one colour, balanced if ``rebound`` is given."""
     joint, max_angle = table["joint"], kind["max_angle"]
     if rebound is None:
         return {**joint, "range": [0, max_angle]}
-    # The weight pulls at the key's centre; over a key's travel of some 5 degrees its torque about
+    # The weight acts at the key's centre. Over a key's travel of about 5 degrees its torque about
     # the hinge (N m) is constant to 0.4 %.
     weight_torque = kind["mass"] * _GRAVITY * -kind["hinge_x"]
     torque_when_down = joint["stiffness"] * (max_angle - joint["springref"]) - weight_torque

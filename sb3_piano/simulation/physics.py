@@ -1,4 +1,4 @@
-"""Physics profiles: how the simulation is modelled and stepped, chosen by name."""
+"""Physics profiles: named settings of the model and the integrator."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from sb3_piano.exceptions import ConfigError, near_names
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicsProfile:
-    """Simplifications of the simulation, and its steps."""
+    """Timestep, integrator and simplifications of the simulation."""
 
     timestep: float
-    """Length of a physics step in seconds."""
+    """Length of a physics step, s."""
     integrator: mujoco.mjtIntegrator
-    """MuJoCo's integrator. Runge-Kutta is unsupported: the env splits a step in two stages."""
+    """MuJoCo's integrator. Runge-Kutta is unsupported, as the simulation splits steps in stages."""
     balanced_keys: bool = False
-    """Let a key's spring hold it at angle 0 in balance with its weight, instead of pressing it
-    against a joint limit: 88 constraints fewer in every physics step. The spring is a little
-    stiffer, so that holding a key fully down takes the same torque; touching it takes less."""
+    """Balance a key's spring and its weight at angle 0, instead of pressing the key against a joint
+    limit: 88 constraints fewer in every physics step. The spring is a little stiffer, so that
+    holding a key fully down takes the same torque; touching it takes less."""
     key_rebound: float = 0.1
-    """Angle (rad) by which a balanced key that is released may swing past 0, where its joint limit
-    is: 0.1 is never reached; next to 0 it comes to rest at once, as a key that lies on its limit
-    does, while one at rest has no constraint."""
+    """Largest angle past 0 to which a released balanced key may swing, rad; its joint limit is
+    there. 0.1 is never reached. Near 0 the key comes to rest at once, like a key on its limit, but
+    has no constraint at rest."""
     coupled_friction_only: bool = False
-    """Keep dry friction only in the middle joints (J2) of the fingers: one actuator bends J2 and J1
-    together, and friction decides how they share the way. Elsewhere the servos overcome it, and it
+    """Keep dry friction only in the middle joints (J2) of the fingers, where one actuator bends J2
+    and J1, and friction decides their shares. In other joints the servos overcome friction, and it
     costs a constraint for each joint."""
     playing_contacts_only: bool = False
-    """Look only for contacts that matter to playing: of fingertips and middle phalanges with the
-    keyboard, and between the two hands. The fingers of one hand then pass through each other."""
+    """Check only contacts that matter to playing: of fingertips and middle phalanges with the
+    keyboard, and between the two hands. Fingers of one hand then do not collide."""
     capsule_forearms: bool = False
-    """Let a capsule stand for each forearm's hull, of which MuJoCo Warp finds no contact as shallow
-    as 0.1 mm. Forearms touch nothing but each other."""
+    """Replace each forearm's hull by a capsule, as MuJoCo Warp misses contacts of the hulls as
+    shallow as 0.1 mm. Forearms collide only with each other."""
 
 
 _REFERENCE = PhysicsProfile(timestep=0.005, integrator=mujoco.mjtIntegrator.mjINT_EULER)
@@ -52,13 +52,13 @@ _FAITHFUL = dataclasses.replace(
 )
 
 PHYSICS_PROFILES = {
-    # What RoboPianist 1.0.10 compiles to.
+    # The model of RoboPianist 1.0.10.
     "reference": _REFERENCE,
     # The same music at a third of the cost; docs/performance.md has the measurements.
     "fast": _FAST,
-    # A fifth slower, for policies whose fingers would lean on each other, or get caught.
+    # A fifth slower, with collisions between the fingers of a hand.
     "fast-contacts": dataclasses.replace(_FAST, playing_contacts_only=False),
-    # 1.4 to 1.5 times as fast as the reference, and what plays there hardly notices.
+    # 1.4 to 1.5 times as fast as the reference, with hardly any change for players.
     "faithful": _FAITHFUL,
     # For MuJoCo Warp, see docs/batch.md.
     "faithful-capsules": dataclasses.replace(_FAITHFUL, capsule_forearms=True),
@@ -71,7 +71,7 @@ def physics_profile(name: str) -> PhysicsProfile:
     """Return the profile called ``name``.
 
     Raises:
-        ConfigError: If there is none.
+        ConfigError: If no profile has this name.
     """
     try:
         return PHYSICS_PROFILES[name]

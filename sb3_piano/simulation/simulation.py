@@ -1,4 +1,4 @@
-"""A scene in motion, control step by control step."""
+"""Simulation of a scene, control step by control step."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Simulation:
-    """MuJoCo's data of a scene, and what every control step does with it.
+    """Simulation of a scene: MuJoCo's data, stepped and read once per control step.
 
-    After the physics no code of Python is in the processor's caches: what counts is how many
-    different things are done. So arrays of ``MjData`` are looked up once, and what is small is
-    handled as plain numbers or bytes.
+    After the physics, Python's code has left the processor's caches, so the number of different
+    operations decides the time. Arrays of ``MjData`` are therefore looked up once, and small values
+    are handled as plain numbers or bytes.
     """
 
     def __init__(self, scene: PianoScene, n_substeps: int):
-        """Make the data of a scene at rest; a control step has one physics step or more."""
+        """Make the data of a scene at rest, with ``n_substeps`` physics steps per control step."""
         self.scene = scene
         self.data = mujoco.MjData(scene.model)
         self._n_substeps = n_substeps
@@ -46,7 +46,7 @@ class Simulation:
         self.qpos: FloatArray = data.qpos
         """(nq,) joint positions, rad or m; a view."""
         self.geom_xpos: FloatArray = data.geom_xpos
-        """(ngeom, 3) positions of all shapes in the world, m; a view."""
+        """(ngeom, 3) positions of all geoms in the world, m; a view."""
         self.actuator_force: FloatArray = data.actuator_force
         """(nu,) forces of the actuators, N or N m; a view."""
         self.actuator_velocity: FloatArray = data.actuator_velocity
@@ -59,7 +59,7 @@ class Simulation:
         self._press = list(zip(self.scene.key_geom.tolist(), offsets, strict=True))
 
     def __getstate__(self) -> dict[str, Any]:
-        # A copied view would be an array of its own.
+        # A copied view would become an independent array.
         kept = ("scene", "data", "_n_substeps", "key_angles_before", "key_angles")
         return {name: self.__dict__[name] for name in kept}
 
@@ -71,14 +71,13 @@ class Simulation:
     def advance(self, controls: FloatArray, *, watched: bool = True) -> bool:
         """Simulate a control step.
 
-        The position and velocity stages of the last state must be done already (by the last call,
-        or by ``mj_step1``), so that the first physics step is MuJoCo's second stage and the call
-        ends with the first stage: fingertips and velocities are then those of the new state, at no
-        extra cost.
+        The position and velocity stages of the last state must be done already, by the last call or
+        by ``mj_step1``. The call begins with MuJoCo's second stage and ends with the first stage:
+        fingertips and velocities are then those of the new state, at no extra cost.
 
         Args:
-            controls: (nu,) what the actuators are told.
-            watched: Whether ``key_angles`` are noted, which takes a seventh of the time.
+            controls: (nu,) targets of the actuators.
+            watched: Whether ``key_angles`` are recorded, which takes a seventh of the time.
 
         Returns:
             Whether the physics remained stable.
@@ -97,12 +96,12 @@ class Simulation:
             angles.append(keys.tobytes())
         mujoco.mj_step1(model, data)
         self.key_angles = angles
-        # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
+        # At NaN and huge numbers MuJoCo warns and resets the simulation.
         return not any(self._instabilities.tobytes())
 
     @property
     def state_size(self) -> int:
-        """How many numbers :meth:`get_state` returns."""
+        """Size of the state from :meth:`get_state`."""
         return mujoco.mj_stateSize(self.scene.model, _STATE)
 
     def get_state(self) -> FloatArray:
@@ -112,26 +111,26 @@ class Simulation:
         return state
 
     def set_state(self, state: FloatArray) -> None:
-        """Go back to a state, so that control steps from it repeat exactly, and look at it."""
+        """Restore and read a state. Control steps from it are exactly reproducible."""
         mujoco.mj_resetData(self.scene.model, self.data)  # warnings of an instability, too
         mujoco.mj_setState(self.scene.model, self.data, state, _STATE)
         mujoco.mj_step1(self.scene.model, self.data)
         self.read()
 
     def read(self) -> None:
-        """Look at the present state, for all who need it."""
+        """Read the present state into the attributes below."""
         scene = self.scene
         angle = scene.clipped_key_angle(self._keys)
         self.key_state: FloatArray = angle / scene.key_max_angle
         """(88,) key angle over its largest angle, in [0, 1]."""
         self.sounding = (angle >= scene.key_sounding_angle).tobytes()
-        """Keys that sound, one byte each, 1 or 0: quickly compared and stored."""
+        """Keys that sound, one byte each, 1 or 0: fast to compare and store."""
         tips: FloatArray = self._site_xpos.take(scene.fingertip_site, axis=0)
         self.fingertips = tips if len(tips) == NUM_FINGERS else scene.by_finger(tips)
         """(10, 3) positions of the fingertips in the world, m; see :meth:`PianoScene.by_finger`."""
 
     def press_point(self, key: int) -> tuple[float, float, float]:
-        """Return where a finger should press a key, as plain numbers, m."""
+        """Return the point where a finger should press a key, as plain numbers, m."""
         geom, (dx, dy, dz) = self._press[key]
         x, y, z = self.geom_xpos[geom].tolist()
         return x + dx, y + dy, z + dz

@@ -26,7 +26,7 @@ LINES = {
     "cli": 3_293,
     "demonstrations": 1_502,
     "envs": 3_687,
-    "hands": 1_105,
+    "hands": 1_104,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
@@ -38,7 +38,7 @@ LINES = {
     "players": 2_161,
     "policies": 1_588,
     "reading": 578,
-    "simulation": 983,
+    "simulation": 979,
     "training": 6_307,
     "tuning": 1_303,
     "vec_env": 488,
@@ -54,7 +54,7 @@ LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_634, "modules": 335, "names": 227},
+    "core": {"lines": 49_629, "modules": 335, "names": 227},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
     "tests": {"lines": 42_091},
 }

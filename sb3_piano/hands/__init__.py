@@ -1,4 +1,4 @@
-"""Robot hands as data: a folder with MJCF and the roles of its parts is a hand."""
+"""Robot hands as data: folders with MJCF files and the roles of the hand's parts."""
 
 from sb3_piano.hands.spec import DEFAULT_HAND, HandSpec, find_hand
 

@@ -1,4 +1,4 @@
-"""A forearm that turns to the side: how near it comes to the other one."""
+"""Position of a forearm that turns to the side, relative to the other forearm."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from sb3_piano.engine import mujoco
 
 @dataclass(frozen=True, eq=False)
 class TurnedForearm:
-    """A forearm that turns about an upright axis through its elbow.
+    """Forearm that turns about an upright axis through its elbow.
 
-    Turned inwards its end comes nearer to the other forearm, but by less than half of what the
-    fingertips do: hands may be nearer to each other than their forearms are thick.
+    An inward turn moves its end towards the other forearm, but less than half as far as the
+    fingertips. So the hands can be nearer to each other than straight forearms allow.
     """
 
     actuator: int
-    """That of the turn among those of the hand."""
+    """Index of the turn's actuator in the hand."""
     axis: float
     """1 if the axis points up, -1 if down."""
     sign: int
-    """1 for the right hand, -1 for the left one."""
+    """1 for the right hand, -1 for the left hand."""
     points: FloatArray
-    """(2, k) corners of its shapes, along and across the keys from its elbow, m."""
+    """(2, k) corners of its geoms, along and across the keys from its elbow, m."""
 
     @classmethod
     def of(cls, model: mujoco.MjModel, joint: int, actuator: int, sign: int) -> TurnedForearm:
-        """Take the forearm that a joint turns."""
+        """Make it for the forearm that a joint turns."""
         body = model.jnt_bodyid[joint]
         frame = _matrix(model.body_quat[body])
         shapes = np.flatnonzero(model.geom_bodyid == body)
@@ -42,13 +42,13 @@ class TurnedForearm:
         )
 
     def __call__(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how much further across the keys its inner side is than when it is straight.
+        """Compute the shift of its inner side across the keys, relative to a straight forearm.
 
         Args:
             positions: (s, n) actuator positions of the hand.
 
         Returns:
-            (s,) m; (s,) the slope by the turn, m per rad.
+            (s,) shift, m; (s,) its derivative by the turn, m per rad.
         """
         along, across = self.points
         angle = self.axis * positions[:, self.actuator, None]
@@ -62,7 +62,7 @@ class TurnedForearm:
 
 
 def _corners(model: mujoco.MjModel, shape: int) -> FloatArray:
-    """Return the corners of a shape, or of the box around it, in its body's frame, (k, 3) m."""
+    """Return the corners of a geom, or of its bounding box, in its body's frame, (k, 3) m."""
     if model.geom_type[shape] == mujoco.mjtGeom.mjGEOM_MESH:
         mesh = model.geom_dataid[shape]
         first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]

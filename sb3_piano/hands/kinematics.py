@@ -1,7 +1,7 @@
-"""Fingertips of one hand, and their Jacobians, for many postures at once.
+"""Batched forward kinematics of one hand: fingertips and their Jacobians.
 
-MuJoCo computes one posture at a time; a plan asks for all postures of a piece in every iteration,
-which is far faster in arrays over all of them.
+MuJoCo computes one posture at a time. A plan needs all postures of a piece in every iteration;
+arrays over all postures are far faster.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from sb3_piano.engine import mujoco
 from sb3_piano.hands.forearm import TurnedForearm
 from sb3_piano.hands.spec import HandSpec
 
-_EXACT = 1e-12  # less is rounding, of unit vectors and m
+_EXACT = 1e-12  # smaller values are rounding errors, of unit vectors and m
 _EVEN_STEPS = 3
 _LONGEST_EVEN_STEP = 0.3  # rad
 _STRAIGHT = 1e-7  # square of a slope, m per rad, below which a finger counts as straight
 
 _Ways = tuple[tuple[int, float], ...]
-"""A vector as its ways along the axes of a frame, those that are not 0."""
+"""A vector as its nonzero components: axis and length."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """A body with its place in its parent, both numbered within the chain.
+    """Body with its pose in its parent, both numbered within the chain.
 
-    Where it has a hinge, its frame is turned so that this is the third axis: turns are cheap then.
-    A body with sliders and hinges, as a forearm may be, is a link for the sliders and one for each
-    hinge.
+    The frame of a link with a hinge is rotated so that the hinge is the third axis: rotations are
+    cheap then. A body with sliders and hinges, such as a forearm, has one link for the sliders and
+    one for each hinge.
     """
 
     parent: int
     offset: _Ways
     rotation: FloatArray
     is_aligned: bool
-    """Whether it is turned like its parent while its joints are at 0."""
+    """Whether its frame is parallel to its parent's with its joints at 0."""
     joints: tuple[int, ...]
 
 
@@ -47,25 +47,25 @@ class _Link:
 class _Bends:
     """The k fingers whose last two joints share an actuator; their last three joints are parallel.
 
-    Places are in the plane of a finger: complex numbers, with its first link along the real axis.
+    Positions in the plane of a finger are complex numbers, with its first link on the real axis.
     """
 
     knuckle: IntArray
     """(k,) actuator of the joint before the two."""
     both: IntArray
-    """(k,) actuator of the two."""
+    """(k,) shared actuator of the two joints."""
     middle: IntArray
-    """(k,) the first one of the two joints."""
+    """(k,) the first of the two joints."""
     lengths: FloatArray
     """(3, k) lengths of the links after the knuckle, m."""
 
     def tip(self, middle: FloatArray, end: FloatArray) -> ComplexArray:
-        """Return where the tips are when the second and the third link are turned so far."""
+        """Compute the tips from the angles of the second and the third link."""
         first, second, third = self.lengths
         return np.asarray(first + second * np.exp(1j * middle) + third * np.exp(1j * end))
 
     def distance(self, even: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how far evenly bent fingers reach from their knuckles, m, and the slope."""
+        """Compute the tips' distances from the knuckles of evenly bent fingers, m, and slopes."""
         _, second, third = self.lengths
         tip = self.tip(even / 2, even)
         distance = np.abs(tip)
@@ -74,7 +74,7 @@ class _Bends:
 
 
 class SceneWithHands(Protocol):
-    """What is asked of a scene, which is a ``PianoScene``."""
+    """Protocol of the scene, a ``PianoScene``."""
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -82,11 +82,11 @@ class SceneWithHands(Protocol):
 
     @property
     def hand(self) -> HandSpec:
-        """The hand."""
+        """Specification of the hand."""
 
     @property
     def sides(self) -> tuple[Any, ...]:
-        """Hands that are there."""
+        """Hands in the scene."""
 
     @property
     def joints(self) -> tuple[IntArray, ...]:
@@ -98,59 +98,59 @@ class SceneWithHands(Protocol):
 
     @property
     def actuator_of_joint(self) -> FloatArray:
-        """(nu, m) which actuator moves by how much with which joint."""
+        """(nu, m) matrix from joint positions to actuator positions."""
 
     @property
     def actuator_role(self) -> tuple[str, ...]:
-        """What each actuator is for."""
+        """Role of each actuator."""
 
 
 class HandKinematics:
-    """The f fingertips of a hand (0 right, 1 left) as functions of where its actuators are.
+    """Forward kinematics of the f fingertips of a hand (0 right, 1 left) from actuator positions.
 
-    A fingertip is the centre of the sphere at the far end of the last finger link: whatever the
-    finger's angle, what it touches below is its radius away. The two joints that share an actuator
-    are taken to bend alike.
+    A fingertip is the centre of the sphere at the far end of the last finger link: at any angle of
+    the finger, a surface that it touches below is one radius away. Two joints with a shared
+    actuator are assumed to bend equally.
     """
 
     def __init__(self, scene: SceneWithHands, hand: int):
         model = scene.model
         self.hand = hand
         self.spec = scene.hand
-        """The hand, and the roles of its parts."""
+        """Specification of the hand, with the roles of its parts."""
         place = scene.sides.index(("right", "left")[hand])
         count = model.nu // len(scene.sides)
         self.actuators = np.arange(count, dtype=np.intp) + place * count
-        """(n,) the hand's actuators among all of the scene."""
+        """(n,) indices of the hand's actuators in the scene."""
         self.low, self.high = model.actuator_ctrlrange[self.actuators].T.copy()
         """(n,) ends of the control ranges; rad, or m for the sliders."""
         self.joint_ids = scene.joints[place]
-        """(m,) the hand's joints among all of the model."""
+        """(m,) indices of the hand's joints in the model."""
         number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
         moves = scene.actuator_of_joint[np.ix_(self.actuators, number == place)]
         self._actuator_of_joint = np.asarray(moves)
         self.joint_of_actuator = np.ascontiguousarray(
             (moves / (moves * moves).sum(axis=1, keepdims=True)).T
         )
-        """(m, n) joint positions by actuator positions; the joints of a tendon share its way."""
+        """(m, n) matrix from actuator to joint positions; the joints of a tendon share equally."""
         self.names = tuple(self.spec.short(model.actuator(int(i)).name) for i in self.actuators)
         """Short names of the actuators."""
         self.roles = tuple(scene.actuator_role[i] for i in self.actuators)
-        """What each of them is for."""
+        """Roles of the actuators."""
         self.along = self.roles.index("along")
-        """Which of them slides along the keyboard."""
+        """Index of the actuator that slides along the keyboard."""
         self.sign = 1 if hand == 0 else -1
-        """1 for the right hand, whose little finger is farthest along y; -1 for the left one."""
+        """1 for the right hand, whose little finger is farthest along y; -1 for the left hand."""
         assert not model.jnt_pos[self.joint_ids].any(), "joints are at their bodies' origins"
         sliders = model.jnt_type[self.joint_ids] == int(mujoco.mjtJoint.mjJNT_SLIDE)
         self._slides = {
             int(j): _ways(model.jnt_axis[self.joint_ids[j]]) for j in np.flatnonzero(sliders)
         }
-        """The axes of the sliders in their bodies' frames; of a hinge, see `_Link`, it is the third
-        one."""
+        """Axes of the sliders in their bodies' frames. A hinge is its link's third axis, see
+        `_Link`."""
         actuators = np.abs(self.joint_of_actuator).argmax(axis=1).tolist()
         self._actuator = [(a, float(self.joint_of_actuator[j, a])) for j, a in enumerate(actuators)]
-        """The actuator that moves each joint, and how far."""
+        """Actuator of each joint, and the joint's share of its motion."""
         geoms = scene.fingertip_geom.reshape(len(scene.sides), -1)[place]
         self.radius = model.geom_size[geoms, 0].copy()
         """(f,) radius of each fingertip, m."""
@@ -158,7 +158,7 @@ class HandKinematics:
         self._bends = self._find_bends()
         self._place_arm(scene)
         self.middle = float(self.arm(np.zeros((1, self.size)))[0])
-        """Place of the forearm, and of the middle finger, where all joints are at 0, m."""
+        """Place of the forearm, and of the middle finger, with all joints at 0, m."""
 
     @property
     def size(self) -> int:
@@ -166,14 +166,14 @@ class HandKinematics:
         return len(self.actuators)
 
     def index(self, name: str) -> int:
-        """Return which of the hand's actuators has a short name."""
+        """Return the index of the hand's actuator with a short name."""
         return self.names.index(name)
 
     def arm(self, positions: FloatArray) -> FloatArray:
-        """Return where across the keys the forearm is at (s, n) actuator positions, (s,) m.
+        """Compute the forearm's place across the keys at (s, n) actuator positions, (s,) m.
 
-        Of one that is turned to the side, it is where it would be if it were straight and came as
-        near to the other one. Turned inwards it comes nearer by its end, but less than the hand.
+        The place of a turned forearm is that of a straight one as near to the other forearm. An
+        inward turn moves its end towards the other forearm, but less far than the hand.
         """
         place = self._arm_offset + positions @ self.arm_slope
         if self._turned is None:
@@ -181,7 +181,7 @@ class HandKinematics:
         return np.asarray(place + self._turned(positions)[0])
 
     def arm_slopes(self, positions: FloatArray) -> FloatArray:
-        """Return how that changes with the actuators, (s, n); or (n,) if it is alike everywhere."""
+        """Compute the derivatives of :meth:`arm` by the actuators, (s, n), or (n,) if constant."""
         if self._turned is None:
             return self.arm_slope
         slopes = np.tile(self.arm_slope, (len(positions), 1))
@@ -189,17 +189,17 @@ class HandKinematics:
         return slopes
 
     def slider_for_arm(self, place: FloatArray) -> FloatArray:
-        """Return where the slider along the keyboard is when the forearm is at a place, (s,) m."""
+        """Compute the along-keyboard slider's position from the forearm's place, (s,) m."""
         at = (place - self._arm_offset) / self.arm_slope[self.along]
         return np.clip(at, self.low[self.along], self.high[self.along])
 
     def fingertips(self, positions: FloatArray) -> FloatArray:
-        """Return the fingertips in the world at (s, n) actuator positions, (s, f, 3) m."""
+        """Compute the fingertips in the world at (s, n) actuator positions, (s, f, 3) m."""
         _, places, frames = self._chain(positions)
         return _postures_first(self._tips(places, frames))
 
     def fingertips_and_jacobian(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the fingertips at (s, n) positions, (s, f, 3) m, and derivatives, (s, f, 3, n)."""
+        """Compute the fingertips at (s, n) positions, (s, f, 3) m, and Jacobians, (s, f, 3, n)."""
         axes, places, frames = self._chain(positions)
         tips = self._tips(places, frames)
         slopes = np.zeros((len(tips), 3, self.size, len(positions)))
@@ -216,11 +216,11 @@ class HandKinematics:
         return _postures_first(tips), _postures_first(slopes)
 
     def even_positions(self, joints: FloatArray) -> FloatArray:
-        """Return actuator positions at which the fingertips are where they are at some joints.
+        """Compute actuator positions with the same fingertips as at joint positions.
 
-        The two joints that share an actuator need not bend alike in a simulation: how they share
-        its way is free, and their sum does not tell where the tip is. Here they do, and the
-        knuckle, too, is where it leads the tip to its place.
+        In a simulation two joints with a shared actuator need not bend equally, so their sum does
+        not determine the tip. The result has equally bent joints, with the knuckle adjusted so that
+        the tip stays in place.
 
         Args:
             joints: (..., m) positions of the hand's joints, rad or m.
@@ -232,9 +232,9 @@ class HandKinematics:
         bends = self._bends
         even = positions[..., bends.both]
         tip = bends.tip(joints[..., bends.middle], even)
-        for _ in range(_EVEN_STEPS):  # Newton's, for the distance of the tip from the knuckle
+        for _ in range(_EVEN_STEPS):  # Newton's method, for the tip's distance from the knuckle
             distance, slope = bends.distance(even)
-            # No bend makes a straight finger longer, its slope is 0.
+            # The slope is 0 at a straight finger, which no bend makes longer.
             change = (np.abs(tip) - distance) * slope / (slope**2 + _STRAIGHT)
             even = even + np.clip(change, -_LONGEST_EVEN_STEP, _LONGEST_EVEN_STEP)
             even = np.clip(even, self.low[bends.both], self.high[bends.both])
@@ -259,9 +259,9 @@ class HandKinematics:
     def _chain(
         self, positions: FloatArray
     ) -> tuple[dict[int, FloatArray], list[FloatArray], list[FloatArray]]:
-        """Return the joints' axes and the links' places, (3, s), and frames, (3 axes, 3, s).
+        """Compute the joints' axes and the links' places, (3, s), and frames, (3 axes, 3, s).
 
-        The s postures come last, so that numpy's loops are over them.
+        The s postures are the last axis, over which NumPy's inner loops run.
         """
         angles = self.joint_of_actuator @ positions.T
         sines, cosines = np.sin(angles), np.cos(angles)
@@ -291,7 +291,7 @@ class HandKinematics:
         return axes, places, frames
 
     def _tips(self, places: list[FloatArray], frames: list[FloatArray]) -> FloatArray:
-        """Return the fingertips, (f, 3, s) m."""
+        """Compute the fingertips, (f, 3, s) m."""
         return np.stack(
             [
                 _moved(places[link], frames[link], offset)
@@ -306,7 +306,7 @@ class HandKinematics:
         axis = _matrix(scene.model.body_quat[body]) @ scene.model.jnt_axis[joint]
         self._arm_offset = float(scene.model.body_pos[body, 1])
         self.arm_slope = np.zeros(self.size)
-        """(n,) how the forearm's place across the keys changes with the actuators."""
+        """(n,) derivatives of the forearm's place across the keys by the actuators."""
         self.arm_slope[along] = axis[1]
         self._turned = None
         if "yaw" in self.roles:
@@ -333,7 +333,7 @@ class HandKinematics:
         ]
         self._tip_link = [number[body] for body in tip_bodies]
         self.tip_along = np.array([_far_end(model, int(g)) for g in geoms])
-        """(f,) how far along the axis of its capsule each fingertip is from the middle, m."""
+        """(f,) offset of each fingertip from its capsule's middle along the axis, m."""
         self._tip_offset = [
             _ways(_turn(model, body).T @ (model.geom_pos[g] + _axis(model, int(g)) * along))
             for g, along, body in zip(geoms, self.tip_along, tip_bodies, strict=True)
@@ -341,12 +341,12 @@ class HandKinematics:
 
 
 def _turn(model: mujoco.MjModel, body: int) -> FloatArray:
-    """Return how the frame of a body's last link is turned in it, (3, 3)."""
+    """Return the rotation of a body's last link in the body's frame, (3, 3)."""
     return _turns(model, _groups(model, body)[-1])
 
 
 def _turns(model: mujoco.MjModel, joints: tuple[int, ...]) -> FloatArray:
-    """Return the rotation that takes the third axis to the hinge of a link, if it has one."""
+    """Compute the rotation from the third axis to the hinge of a link, if it has one."""
     if not joints or model.jnt_type[joints[-1]] != int(mujoco.mjtJoint.mjJNT_HINGE):
         return np.eye(3)
     quaternion = np.empty(4)
@@ -355,7 +355,7 @@ def _turns(model: mujoco.MjModel, joints: tuple[int, ...]) -> FloatArray:
 
 
 def _groups(model: mujoco.MjModel, body: int) -> list[tuple[int, ...]]:
-    """Return the joints of each link of a body: its sliders, then each of its hinges."""
+    """Group the joints of a body by link: its sliders, then each of its hinges."""
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     joints = range(first, first + count)
     hinges = [j for j in joints if model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_HINGE)]
@@ -370,7 +370,7 @@ def _ways(offset: FloatArray) -> _Ways:
 
 
 def _moved(place: FloatArray, columns: FloatArray, offset: _Ways) -> FloatArray:
-    """Return places, (3, s) m, an offset away that is in frames of (3 axes, 3, s)."""
+    """Move places, (3, s) m, by an offset in frames, (3 axes, 3, s)."""
     for axis, length in offset:
         place = place + length * columns[axis]
     return place
@@ -391,7 +391,7 @@ def _path_from_world(model: mujoco.MjModel, body: int) -> list[int]:
 def _links(
     model: mujoco.MjModel, body: int, parent: int, number: int, order: dict[int, int]
 ) -> list[_Link]:
-    """Return the links of a body, which are numbered from some number on."""
+    """Make the links of a body, numbered from ``number`` on."""
     turned = _turn(model, int(model.body_parentid[body])).T
     place, frame = model.body_pos[body], _matrix(model.body_quat[body])
     links = []
@@ -407,13 +407,13 @@ def _links(
                 joints=tuple(order[joint] for joint in joints),
             )
         )
-        # The next one begins where this one is.
+        # The next link begins at this one.
         turned, place, frame, parent = turns.T, np.zeros(3), np.eye(3), number + len(links) - 1
     return links
 
 
 def _far_end(model: mujoco.MjModel, geom: int) -> float:
-    """Return where along its axis a capsule's sphere farther from the joint is, m."""
+    """Return the position along its axis of a capsule's sphere farther from the joint, m."""
     half = float(model.geom_size[geom, 1])
     near, axis = model.geom_pos[geom], _axis(model, geom)
     return max((half, -half), key=lambda end: float(np.linalg.norm(near + end * axis)))

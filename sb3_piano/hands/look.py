@@ -1,4 +1,4 @@
-"""What is drawn over a hand's links, as ``look.yml`` beside ``hand.yml`` says."""
+"""Shapes drawn over a hand's links, from ``look.yml`` beside ``hand.yml``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LOOK_FILE = "look.yml"
 
 @settings
 class Ball:
-    """An ellipsoid in its link's frame."""
+    """Ellipsoid in its link's frame."""
 
     centre: Three
     """m."""
@@ -23,28 +23,28 @@ class Ball:
 
 @settings
 class Shape:
-    """The hull of ellipsoids, over a link."""
+    """Convex hull of ellipsoids, drawn over a link."""
 
     link: str
     """The link with which it moves."""
     color: str
-    """One of the look's colours."""
+    """Name of one of the look's colours."""
     balls: Annotated[tuple[Nested[Ball], ...], Listed]
-    """What it is the hull of."""
+    """Ellipsoids of the hull."""
 
 
 @settings
 class Look:
-    """What is drawn over the links of a right hand."""
+    """Shapes drawn over the links of a right hand."""
 
     colors: Mapping[str, Annotated[tuple[Share, Share, Share, Share], Listed]]
     """RGBA by name."""
     shapes: Annotated[tuple[Nested[Shape], ...], Listed]
-    """What is drawn."""
+    """Shapes to draw."""
 
 
 def read_look(hand: HandSpec) -> Look | None:
-    """Return what is drawn over a hand, or None, where its own shapes are.
+    """Read the look of a hand, or ``None`` if its own geoms are drawn.
 
     Raises:
         ConfigError: If the file is damaged.

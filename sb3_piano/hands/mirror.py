@@ -1,4 +1,4 @@
-"""The left hand as a right one in a mirror."""
+"""Left hand as the mirror image of the right hand."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from sb3_piano.engine import mujoco
 from sb3_piano.hands.spec import HandSpec
 
 _ACROSS = 1
-"""The world's axis along the keyboard, y: the mirror stands on the plane where it is 0."""
+"""World axis along the keyboard, y. The mirror plane is y = 0."""
 
 
 def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
-    """Return the specification of a left hand that has no file: the right one's in a mirror.
+    """Mirror the right hand's specification to a left hand, for hands without ``left.xml``.
 
-    The links' frames are mirrored along :attr:`HandSpec.mirror`. Positive angles bend what they
-    bend on the right; the slider along the keyboard still moves to the right, and a forearm still
-    rolls as the right one does, as with RoboPianist's hands.
+    The links' frames are mirrored along :attr:`HandSpec.mirror`. Positive angles bend the same
+    parts as on the right. As with RoboPianist's hands, the slider along the keyboard still moves to
+    the right, and the forearm still rolls like the right one.
 
     Raises:
-        ValueError: If MuJoCo cannot read the file, or it is not written so that it can be mirrored.
+        ValueError: If MuJoCo cannot read the file, or it has elements that cannot be mirrored.
     """
     text = (hand.folder / "right.xml").read_text(encoding="utf-8")
     text = text.replace(f'"{hand.prefix["right"]}', f'"{hand.prefix["left"]}')
     spec = mujoco.MjSpec.from_string(text)
-    spec.modelfiledir = str(hand.folder)  # where the files of meshes are
+    spec.modelfiledir = str(hand.folder)  # folder of the mesh files
     _check_orientations(spec)
     axis = "xyz".index(hand.mirror)
     roots = [body.name for body in spec.worldbody.bodies]
@@ -43,7 +43,7 @@ def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
     along, roll = hand.forearm.joints["along"], hand.forearm.joints.get("roll")
     for joint in spec.joints:
         slides = joint.type == mujoco.mjtJoint.mjJNT_SLIDE
-        # What turns to the right turns to the left in a mirror.
+        # A mirror reverses the sense of a rotation.
         joint.axis = _mirrored(joint.axis, axis) * (1 if slides else -1)
         joint.pos = _mirrored(joint.pos, axis)
         if hand.short(joint.name) in (along, roll):
@@ -55,7 +55,7 @@ def read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
 
 
 def _check_orientations(spec: mujoco.MjSpec) -> None:
-    """Refuse orientations that are written in one of the ways that are not mirrored here."""
+    """Raise a ValueError if orientations have a notation that is not supported here."""
     turned = [each.alt for each in (*spec.bodies, *spec.geoms, *spec.sites)]
     turned += [body.ialt for body in spec.bodies]
     is_quat = all(each.type == mujoco.mjtOrientation.mjORIENTATION_QUAT for each in turned)
@@ -71,7 +71,7 @@ def _mirrored(vector: Any, axis: int) -> FloatArray:
 
 
 def _turned(quaternion: Any, outer: int, inner: int) -> FloatArray:
-    """Return a rotation between two frames, each of which is mirrored along an axis of its own."""
+    """Mirror a rotation between two frames, each along its own axis."""
     numbers, turned = np.empty(9), np.empty(4)
     mujoco.mju_quat2Mat(numbers, quaternion)
     matrix = numbers.reshape(3, 3)

@@ -1,4 +1,4 @@
-"""A hand's MJCF as a specification for MuJoCo, and the variants of it that are edits by role."""
+"""MuJoCo specification of a hand from its MJCF, with variants by the roles of its parts."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from sb3_piano.exceptions import ConfigError, near_names, one_line
 from sb3_piano.hands.mirror import read_mirrored
 from sb3_piano.hands.spec import SPEC_FILE, HandSpec, Side
 
-# Bits of contype and conaffinity. By default every shape of a hand meets every other, of either
-# hand, and the keyboard, whose conaffinity is 1.
+# Bits of contype and conaffinity. By default every geom of a hand collides with all others of both
+# hands, and with the keyboard, whose conaffinity is 1.
 _KEYBOARD, _OTHER_HAND = 1, 2
 
 
@@ -26,22 +26,22 @@ def build_hand(
     playing_contacts_only: bool = False,
     capsule_forearm: bool = False,
 ) -> mujoco.MjSpec:
-    """Return the specification of a hand, to be attached to a scene.
+    """Make the specification of a hand, to attach to a scene.
 
     Args:
         hand: The hand.
         side: ``"right"`` or ``"left"``.
-        reduced_action_space: Remove joints and narrow others as the hand says.
+        reduced_action_space: Remove joints and narrow others as in the hand's specification.
         forearm_dofs: The forearm's joints; others are removed.
-        gravity_compensation: Let a force balance the weight of every body of the hand.
-        coupled_friction_only: Let only coupled joints have dry friction, see
+        gravity_compensation: Balance the weight of every body of the hand by a force.
+        coupled_friction_only: Keep dry friction in coupled joints only, see
             :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
-        playing_contacts_only: Meet only the other hand, and the keyboard with the fingers' links
-            that are named for it.
-        capsule_forearm: Let the forearm's capsule stand for its shapes that are meshes.
+        playing_contacts_only: Collide only with the other hand, and with the keyboard by the links
+            listed in ``fingers``.
+        capsule_forearm: Replace the forearm's mesh geoms by its capsule.
 
     Raises:
-        ConfigError: If MuJoCo cannot read the hand's file, or that lacks what ``hand.yml`` names.
+        ConfigError: If MuJoCo cannot read the hand's file, or it lacks parts named in ``hand.yml``.
     """
     spec = _read(hand, side)
     _check(spec, hand, side)
@@ -72,7 +72,7 @@ def _read(hand: HandSpec, side: Side) -> mujoco.MjSpec:
 
 
 def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
-    """Refuse a model that lacks what ``hand.yml`` names, or whose parts are of other kinds."""
+    """Check that a model has the parts that ``hand.yml`` names, and of the right kinds."""
     if not spec.modelname.startswith(hand.prefix[side]):
         raise ConfigError(
             f"The {side} hand of '{hand.folder}' is the model {spec.modelname!r}: expected a name "
@@ -109,7 +109,7 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
 
 
 def _is_simple(body: mujoco.MjsBody) -> bool:
-    """Return whether a body has sliders, then hinges, where its frame is."""
+    """Check that a body has sliders, then hinges, all at its origin."""
     kinds = [mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE]
     order = [kinds.index(j.type) if j.type in kinds else -1 for j in body.joints]
     is_ordered = order == sorted(order) and -1 not in order
@@ -123,7 +123,7 @@ def _is_fingertip(body: mujoco.MjsBody) -> bool:
 
 
 def _reduce(spec: mujoco.MjSpec, hand: HandSpec) -> None:
-    """Remove joints and their actuators, and narrow the range of others."""
+    """Remove joints and their actuators, and narrow the ranges of others."""
     reduced = hand.reduced_action_space
     _remove(spec, hand, reduced.removed)
     for elements, name_of in ((spec.actuators, "target"), (spec.joints, "name")):
@@ -149,7 +149,7 @@ def _drop_friction(spec: mujoco.MjSpec, hand: HandSpec) -> None:
 
 
 def _take_capsule(spec: mujoco.MjSpec, hand: HandSpec) -> None:
-    """Let a capsule stand for the forearm's meshes, if the hand has one."""
+    """Replace the forearm's meshes by the hand's capsule, if it has one."""
     capsule = hand.forearm.capsule
     for geom in spec.geoms:
         on_forearm = hand.short(geom.parent.name) == hand.forearm.body
@@ -159,10 +159,10 @@ def _take_capsule(spec: mujoco.MjSpec, hand: HandSpec) -> None:
 
 
 def _mask(geom: mujoco.MjsGeom, side: Side, *, meets_keys: bool) -> None:
-    """Let a shape of a hand meet the other hand, and perhaps the keyboard.
+    """Let a geom of a hand collide with the other hand, and with the keyboard if ``meets_keys``.
 
-    Two shapes meet where one's contype shares a bit with the other's conaffinity, so it is enough
-    that the right hand can be met by the left one.
+    Two geoms collide if the contype of one shares a bit with the conaffinity of the other, so one
+    bit of the left hand's contype and the right hand's conaffinity is enough.
     """
     keyboard = _KEYBOARD if meets_keys else 0
     if side == "right":

@@ -1,7 +1,7 @@
-"""What is known of a robot hand besides its model: the roles of its parts, its reach, its rest.
+"""Specification of a robot hand besides its model: roles of its parts, reach and rest posture.
 
-A hand is a folder with ``hand.yml``, ``right.xml`` and perhaps ``left.xml`` (MJCF). Without the
-latter the left hand is the right one in a mirror.
+A hand is a folder with ``hand.yml``, ``right.xml`` and optionally ``left.xml`` (MJCF). Without
+``left.xml`` the left hand is the mirrored right hand.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from sb3_piano.settings import (
 T = TypeVar("T")
 
 DEFAULT_HAND = "shadow"
-"""Name of the hand that plays unless one says otherwise."""
+"""Name of the default hand."""
 
 SPEC_FILE = "hand.yml"
 
@@ -43,12 +43,11 @@ Side = Literal["right", "left"]
 FingerName = Literal["thumb", "index", "middle", "ring", "little"]
 ForearmRole = Literal["along", "across", "up", "roll", "pitch", "yaw"]
 Role = Literal["along", "across", "up", "roll", "pitch", "yaw", "wrist", "abduction", "finger"]
-"""What a joint is for: to slide along the keyboard, across it (towards the keys' hinges) or up, to
-turn the forearm about its own axis, up or to the side, to bend the wrist, to spread fingers, or to
-bend them."""
+"""Role of a joint: slide along the keyboard, across it (towards the keys' hinges) or up; turn the
+forearm about its own axis, up or to the side; bend the wrist; spread fingers; or bend fingers."""
 
 DEFAULT_FOREARM: tuple[ForearmRole, ...] = ("along", "across")
-"""Joints of a forearm that are there unless one says otherwise."""
+"""Default joints of a forearm."""
 
 Names = Annotated[tuple[str, ...], Listed]
 Three = Annotated[tuple[Number, Number, Number], Listed]
@@ -58,7 +57,7 @@ _Table = Annotated[tuple[Annotated[tuple[NotNegative, ...], Listed], ...], Liste
 
 @settings
 class Capsule:
-    """A capsule that may stand for a forearm's shapes."""
+    """Capsule that can replace a forearm's geoms."""
 
     size: Annotated[tuple[Positive, Positive], Listed]
     """Radius and half length, m."""
@@ -68,54 +67,54 @@ class Capsule:
 
 @settings
 class Forearm:
-    """What carries the hand."""
+    """Forearm of a hand."""
 
     body: str
     """Its link, the root of the model."""
     joints: Mapping[ForearmRole, str]
-    """Its joints by role, in the order of the model: the slider ``along`` the keyboard, and those
-    of ``across``, ``up``, ``roll``, ``pitch`` and ``yaw`` that the hand has."""
+    """Its joints by role, in the order of the model: the slider ``along`` the keyboard, and any of
+    ``across``, ``up``, ``roll``, ``pitch`` and ``yaw``."""
     apart: Positive
     """Least distance of the two forearms, m."""
     capsule: Nested[Capsule] | None = None
-    """What stands for its shapes where a physics profile asks for capsules."""
+    """Replacement of its geoms in physics profiles with capsules."""
 
 
 @settings
 class ReducedActions:
-    """What the reduced action space leaves out."""
+    """Joints that the reduced action space removes or narrows."""
 
     removed: Names = ()
-    """Joints that are fixed at 0, and have no actuator."""
+    """Joints that are fixed at 0 and have no actuator."""
     ranges: Mapping[str, _Range] = dataclasses.field(default_factory=dict)
     """Changed ranges of joints and of their actuators, rad."""
 
 
 @settings
 class Rest:
-    """The posture over neighbouring white keys."""
+    """Rest posture over neighbouring white keys."""
 
     height: Positive
-    """Of the fingertips' centres over the keys' tops, m."""
+    """Height of the fingertips' centres over the keys' tops, m."""
     posture: Mapping[str, Number]
-    """Where the search for the posture begins, by actuator; 0 for the others; rad, or m."""
+    """Initial posture of the search, by actuator, rad or m; 0 for other actuators."""
 
 
 @settings
 class Reach:
-    """How far apart fingers can press white keys, m."""
+    """Distances at which fingers can press white keys, m."""
 
     nearest: _Table
-    """(f, f) the least distance of two fingertips, the second nearer to the little finger."""
+    """(f, f) least distance of two fingertips, the second nearer to the little finger."""
     farthest: _Table
-    """(f, f) the greatest one."""
+    """(f, f) greatest distance of two fingertips."""
     gaps: Annotated[tuple[NotNegative, ...], Listed]
-    """(f - 1,) the least distances of neighbouring fingertips, from the thumb on."""
+    """(f - 1,) least distances of neighbouring fingertips, from the thumb on."""
 
 
 @settings
 class HandSpec:
-    """The roles of a hand's parts, and numbers that planning, reading and fingering need.
+    """Roles of a hand's parts, and its constants for planning, reading and fingering.
 
     Names are those of the model without the side's prefix, actuators' also without ``A_``.
 
@@ -124,30 +123,30 @@ class HandSpec:
     """
 
     source: str
-    """Name or absolute path by which the hand is found."""
+    """Name or absolute path of the hand."""
     title: str
-    """What it is called."""
+    """Title of the hand."""
     prefix: Annotated[Mapping[Side, str], Len(2)]
-    """What names of each side begin with."""
+    """Prefix of the names of each side."""
     mirror: Literal["x", "y", "z"] = "y"
-    """Axis of the links' frames that points across the hand: a left hand that has no file is the
-    right one mirrored along it, and so is what is drawn over its links."""
+    """Axis of the links' frames that points across the hand. A left hand without a file is the
+    right hand mirrored along it, with the shapes drawn over its links."""
     forearm: Nested[Forearm]
-    """What carries the hand."""
+    """The hand's forearm."""
     wrist: Names = ()
     """Joints of the wrist."""
     abduction: Names = ()
     """Joints that spread the fingers."""
     coupled: Names = ()
-    """Joints that share an actuator with the next one: friction decides how they share its way."""
+    """Joints that share an actuator with the next joint; friction decides their shares."""
     fingers: Mapping[FingerName, Annotated[Names, Len(1)]]
     """Links of each finger that may touch keys, the fingertip last; the thumb first."""
     reduced_action_space: Nested[ReducedActions] = ReducedActions()
-    """What the reduced action space leaves out."""
+    """Changes of the reduced action space."""
     rest: Nested[Rest]
-    """The posture at rest."""
+    """Rest posture."""
     reach: Nested[Reach]
-    """How far apart the fingers reach."""
+    """Distances that the fingers can span."""
 
     def __post_init__(self) -> None:
         if len({*self.prefix.values(), ""}) < 3:
@@ -181,7 +180,7 @@ class HandSpec:
 
     @property
     def folder(self) -> Path:
-        """Where its files are."""
+        """Folder of its files."""
         return _HANDS / self.source if self.source.isidentifier() else Path(self.source)
 
     @property
@@ -200,10 +199,10 @@ class HandSpec:
         return _read_only(self.reach.farthest)
 
     def forearm_dofs(self, names: Sequence[str] | None = None) -> tuple[str, ...]:
-        """Return names of the forearm's joints, by default those of ``DEFAULT_FOREARM``.
+        """Check names of the forearm's joints and return them, by default ``DEFAULT_FOREARM``'s.
 
         Raises:
-            ConfigError: If one is unknown, twice there or not in its place, or the slider along the
+            ConfigError: If one is unknown, repeated or not in order, or the slider along the
                 keyboard is missing.
         """
         joints = self.forearm.joints
@@ -219,14 +218,14 @@ class HandSpec:
         return tuple(names)
 
     def short(self, name: str) -> str:
-        """Return a name of a compiled or a lone model as ``hand.yml`` has it."""
+        """Convert a name of a compiled or single model to the short name in ``hand.yml``."""
         name = name.rpartition("/")[2]
         for prefix in self.prefix.values():
             name = name.removeprefix(prefix)
         return name.removeprefix("A_")
 
     def role(self, joint: str) -> Role:
-        """Return what a joint is for, by its short name."""
+        """Return the role of a joint, given its short name."""
         for role, name in self.forearm.joints.items():
             if joint == name:
                 return role
@@ -236,10 +235,10 @@ class HandSpec:
 
 
 def find_hand(hand: str | os.PathLike[str] = DEFAULT_HAND) -> HandSpec:
-    """Return a hand by its name, such as ``"shadow"``, or by the path of its folder.
+    """Find a hand by its name, such as ``"shadow"``, or by the path of its folder.
 
     Raises:
-        ConfigError: If there is none, or its ``hand.yml`` is damaged.
+        ConfigError: If it does not exist, or its ``hand.yml`` is damaged.
     """
     text = os.fspath(hand)
     if not text.isidentifier():
@@ -261,10 +260,10 @@ def _read(source: str) -> HandSpec:
 
 
 def read_entries(file: Path, kind: Callable[..., T], **more: Any) -> T:
-    """Return settings of a kind from a YAML file.
+    """Read settings of a kind from a YAML file.
 
     Raises:
-        ConfigError: If the file, which the message names, has not what they need.
+        ConfigError: If the file does not have valid settings; the message names the file.
     """
     try:
         content = yaml.load(file.read_bytes(), _Loader)

@@ -14,34 +14,34 @@ from sb3_piano.reading.keyboard import KeyPlaces, press_x
 from sb3_piano.reading.presses import TimedPress
 
 HOVER = 0.010
-"""Height over a key of a finger that will soon play it, m."""
+"""Height of a finger over its next key, m."""
 HOLD_DEPTH = 1.05
 """Depth of a key while it is down, a share of its travel."""
 
-# What may replace what: a finger that lets go a key has the right of way over its next approach.
+# Ranks of targets: a higher one replaces a lower one. A release precedes the next approach.
 _HOVER, _LIFT, _READY, _RELEASE, _HOLD = range(1, 6)
 
-_HOVER_STATES = 8  # for so many states a finger hovers over its next key
-_REACH = 0.06  # distance of a hand from a key within which a finger already moves towards it, m
+_HOVER_STATES = 8  # number of states in which a finger hovers over its next key
+_REACH = 0.06  # distance of a hand from a key within which a finger moves towards it, m
 
-# Depths of a key: two states before it is down; in the state before, well on its way but not yet
-# sounding; in the state before after a leap, when there is less time; between two strikes of it by
-# the same finger, if there is no more time; in the state after; there, if the hand moves elsewhere.
+# Depths of a key: two states before it is down; one state before, pressed but not yet sounding; one
+# state before after a leap, with less time; between two strikes by the same finger without a state
+# between; one state after it was down; the same before a leap.
 _LIFT_DEPTH, _READY_DEPTH, _LEAP_READY_DEPTH = -0.5, 0.6, -0.2
 _REPEAT_DEPTH, _RELEASE_DEPTH, _LEAP_RELEASE_DEPTH = 0.45, 0.2, -1.2
 
-# Weights along x, y and z, per m, when a rad of posture counts some 0.01. From a black key a finger
-# slips off; and with less along z a thumb is planned some 3 mm too high to press its key down.
+# Weights along x, y and z, per m, relative to about 0.01 per rad of posture. Black keys weigh more
+# along x, as fingers slip off. With less along z, thumbs are some 3 mm too high to press keys down.
 _WEIGHT, _WEIGHT_BLACK = np.array([4.0, 10.0, 20.0]), np.array([20.0, 10.0, 20.0])
 
-# How much each of the targets counts, as shares of these.
+# Weights of the targets, as shares of these.
 _READY_SHARE = 0.8
 _LIFT_SHARE = 0.6
 _LEAST_HOVER_SHARE = 0.1
 _RELEASE_SHARE = np.array([0.1, 1.0, 0.8])
 _LEAP_RELEASE_SHARE = np.array([0.1, 0.5, 0.8])
 
-# Notes of the other colour so few states away make a passage mixed.
+# A passage is mixed if keys of the other colour are played within so many states.
 _MIXED_STATES = 3
 
 
@@ -52,15 +52,15 @@ class KeyFrames:
     target: FloatArray
     """(s, f, 3) places, m."""
     weight: FloatArray
-    """(s, f, 3) how much they count, per m; 0 where a finger has nothing to do."""
+    """(s, f, 3) weights, per m; 0 for fingers without a target."""
     on_black: BoolArray
-    """(s, f) which fingers are about to press a black key, or do."""
+    """(s, f) fingers that press a black key, or are about to."""
 
     to_black: BoolArray
-    """(s, f) which fingers are on their way to one, or from it."""
+    """(s, f) fingers that move to a black key, or from it."""
 
     def between(self, start: int, stop: int) -> KeyFrames:
-        """Return those of some states."""
+        """Return the targets of the states from ``start`` to ``stop``."""
         part = slice(start, stop)
         return KeyFrames(
             self.target[part], self.weight[part], self.on_black[part], self.to_black[part]
@@ -76,15 +76,15 @@ def key_frames(
     hover: float = HOVER,
     hold_depth: float = HOLD_DEPTH,
 ) -> KeyFrames:
-    """Return what a hand's presses ask of its fingertips.
+    """Compute the fingertips' targets from a hand's presses.
 
     Args:
         timed: The presses, in order of time.
-        sign: 1 for the right hand, -1 for the left one.
-        n_states: How many states there are.
+        sign: 1 for the right hand, -1 for the left hand.
+        n_states: Number of states.
         radius: (f,) radius of the fingertips, m.
         keys: The keyboard.
-        hover: Height over a key of a finger that will soon play it, m.
+        hover: Height of a finger over its next key, m.
         hold_depth: Depth of a key while it is down, a share of its travel.
     """
     shape = (n_states, len(radius))
@@ -96,17 +96,17 @@ def key_frames(
     )
     rank = np.zeros(shape, dtype=int)
     places = [hand_place(one.press.key, one.press.finger, sign) for one in timed]
-    # In each state, the fingers that hold keys, and where that wants the hand to be.
+    # Fingers that hold keys in each state, each with its place of the hand.
     held: list[list[tuple[int, float]]] = [[] for _ in range(n_states)]
     for one, place in zip(timed, places, strict=True):
         for state in range(one.first, min(one.last + 1, n_states)):
             held[state].append((one.press.finger, place))
-    last = [0] * len(radius)  # until when each finger holds its note before
+    last = [0] * len(radius)  # last state of each finger's previous note
     for one, place, mixed in zip(timed, places, _mixed(timed), strict=True):
         key, finger = one.press.key, one.press.finger
         start = max(last[finger] + 2, one.first - _HOVER_STATES, 0)
         last[finger] = max(last[finger], one.last)
-        free = [  # where no other finger holds the hand too far away
+        free = [  # states in which no other finger holds the hand too far away
             state
             for state in range(start, min(one.first - 1, n_states))
             if all(abs(place - at) <= _REACH for other, at in held[state] if other != finger)
@@ -128,10 +128,10 @@ def key_frames(
 def _targets(
     one: TimedPress, free: Sequence[int], hover: float, hold_depth: float
 ) -> Iterator[tuple[int, int, float, float, FloatArray | float]]:
-    """Yield how a finger comes to its key and leaves it, as far as the hand is near (``free``).
+    """Yield the targets of a finger's approach to a key in ``free`` states, its hold and release.
 
     Yields:
-        State, rank, depth of the key, height over that, m, and how much it counts.
+        State, rank, depth of the key, height over that, m, and weight.
     """
     strike = one.first - 1  # the state before the key is down
     for state in free:
@@ -149,7 +149,7 @@ def _targets(
 
 
 def _mixed(timed: Sequence[TimedPress]) -> list[bool]:
-    """Return for each press whether its hand plays keys of the other colour about then."""
+    """Check for each press whether its hand plays keys of the other colour at about that time."""
     first = np.array([one.press.first for one in timed], dtype=int)
     last = np.array([one.press.last for one in timed], dtype=int)
     black = np.array([bool(KEY_IS_BLACK[one.press.key]) for one in timed], dtype=bool)

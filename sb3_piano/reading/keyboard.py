@@ -1,6 +1,6 @@
-"""Places of the keys for the fingertips that press them, m.
+"""Positions of the keys, and of fingertips that press them, m.
 
-Positions are the world's: x points from the keys' hinges to the player, y to the right, z up.
+World coordinates: x points from the keys' hinges to the player, y to the right, z up.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
 from sb3_piano.simulation import PianoScene
 
 WHITE_X = (0.052, 0.042)
-"""Place along white keys where thumbs and where fingers press, m."""
+"""Press points of thumbs and of other fingers along white keys, m."""
 _MIXED_X = (0.040, 0.026)  # the same while the hand plays black keys, too
 _BLACK_X = (0.002, -0.002)  # the same on black keys
 
@@ -29,7 +29,7 @@ class KeyPlaces:
     top: FloatArray
     """(88,) height of the tops, m."""
     hinge: FloatArray
-    """(88,) where along x the hinges are, m."""
+    """(88,) positions of the hinges along x, m."""
     max_angle: FloatArray
     """(88,) angle when fully down, rad."""
     holding_torque: FloatArray
@@ -37,7 +37,7 @@ class KeyPlaces:
 
     @classmethod
     def of(cls, scene: PianoScene) -> KeyPlaces:
-        """Read them from a scene."""
+        """Read the geometry from a scene."""
         data = mujoco.MjData(scene.model)
         mujoco.mj_kinematics(scene.model, data)
         centre, half = data.geom_xpos[scene.key_geom], scene.model.geom_size[scene.key_geom]
@@ -50,13 +50,13 @@ class KeyPlaces:
         )
 
     def height(self, key: int, x: float, depth: float) -> float:
-        """Return how high a key's top is at ``x``, m; ``depth`` is a share of its travel."""
+        """Compute the height of a key's top at ``x``, m; ``depth`` is a share of its travel."""
         drop = (x - self.hinge[key]) * np.tan(depth * self.max_angle[key])
         return float(self.top[key] - drop)
 
 
 def _holding_torque(scene: PianoScene) -> FloatArray:
-    """Return what the keys' springs push back with; a rigid key's is that of one that moves."""
+    """Compute the torques of fully pressed keys' springs; rigid keys get a moving key's."""
     model = scene.model
     joints = [int(np.flatnonzero(model.jnt_qposadr == address)[0]) for address in scene.key_qpos]
     torque = np.empty(len(scene.key_max_angle))
@@ -69,7 +69,7 @@ def _holding_torque(scene: PianoScene) -> FloatArray:
 
 
 def press_x(key: int, finger: int, mixed: bool) -> float:
-    """Return where along a key a finger, 0 (thumb) to 4, presses it, m.
+    """Return the press point of a finger, 0 (thumb) to 4, along a key, m.
 
     In a mixed passage the hand plays keys of the other colour at about the same time.
     """

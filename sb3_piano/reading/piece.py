@@ -1,4 +1,4 @@
-"""A piece as both hands read it, before anything is planned or simulated."""
+"""Reading of a piece by both hands, before planning and simulation."""
 
 from __future__ import annotations
 
@@ -19,42 +19,42 @@ from sb3_piano.reading.presses import TimedPress, time_presses
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.simulation.scene import SIDES
 
-# A hand counts as busy so many states before and after it plays.
+# A hand counts as busy within so many states before and after it plays.
 _BUSY_STATES = 6
 
-_IDLE_APART = 0.05  # additional distance of an arm that plays nothing, m
+_IDLE_APART = 0.05  # additional distance of an idle arm, m
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HandReading:
-    """What one hand has to do in a piece of T control steps."""
+    """Presses and targets of one hand in a piece of T control steps."""
 
     presses: tuple[TimedPress, ...]
-    """Its presses, shortened where it has to leap, in order of time."""
+    """Its presses in order of time, shortened at leaps."""
     frames: KeyFrames
     """Targets of its fingertips in all T + 1 states."""
     place: FloatArray
-    """(T + 1,) where across the keys it would be if it were alone, m."""
+    """(T + 1,) its target place across the keys, regardless of the other hand, m."""
     busy: BoolArray
-    """(T + 1,) whether it plays about then."""
+    """(T + 1,) whether it plays at about that time."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reading:
-    """What both hands have to do in a piece of T control steps."""
+    """Presses and targets of both hands in a piece of T control steps."""
 
     roll: PianoRoll
-    """The piece, with the fingers that play it; without, where a hand lets go of a note."""
+    """The piece with its fingers; notes released early have no finger after the release."""
     hands: tuple[HandReading, HandReading]
     """The right and the left hand."""
     line: FloatArray
-    """(T + 1,) a first line between the arms, m."""
+    """(T + 1,) initial line between the arms, m."""
 
 
 def both_hands(scene: PianoScene) -> tuple[HandKinematics, HandKinematics]:
-    """Return the right and the left hand of a scene.
+    """Make the kinematics of the right and the left hand of a scene.
 
-    A hand that is not there is that of a scene with both: it is read as one that rests.
+    An absent hand is taken from a scene with both hands. It is read as a hand at rest.
     """
     scenes = [
         scene if name in scene.sides else compile_scene(hand=scene.hand.source) for name in SIDES
@@ -73,11 +73,11 @@ def read_piece(
     stretch: float = 0.0,
     hurry: int = 0,
 ) -> Reading:
-    """Return what a piece asks of both hands.
+    """Compute the presses and targets of both hands in a piece.
 
-    It takes some milliseconds for each second of music; nothing is optimised or simulated. Heights
-    and distances are in m, a depth is a share of a key's travel, ``stretch`` and ``hurry`` are
-    those of :func:`time_presses`.
+    It takes a few milliseconds for each second of music; nothing is optimised or simulated. Heights
+    and distances are in m, a depth is a share of a key's travel, ``stretch`` and ``hurry`` are as
+    in :func:`time_presses`.
     """
     robot = hands[0].spec
     apart = robot.forearm.apart if arms_apart is None else arms_apart
@@ -95,7 +95,7 @@ def read_piece(
 
 
 def wanted_places(frames: KeyFrames, sign: int, rest: float) -> tuple[FloatArray, BoolArray]:
-    """Return where across the keys a hand would be if it were alone; it rests at ``rest``, m.
+    """Compute the places of a hand by itself across the keys; without targets it is at ``rest``, m.
 
     Returns:
         (s,) places of the middle finger, m; (s,) whether the hand is busy.
@@ -116,12 +116,12 @@ def wanted_places(frames: KeyFrames, sign: int, rest: float) -> tuple[FloatArray
 def dividing_line(
     places: Sequence[FloatArray], busy: Sequence[BoolArray], apart: float
 ) -> FloatArray:
-    """Return a first line between the arms, (s,) m.
+    """Compute an initial line between the arms, (s,) m.
 
-    Where both are busy it lies in the middle; a hand that plays makes one that rests give way.
+    It is in the middle between two busy hands; an idle hand gives way to a busy one.
 
     Args:
-        places: Where the right and the left hand want to be, (s,) m each.
+        places: Target places of the right and the left hand, (s,) m each.
         busy: Whether they play, (s,) bool each.
         apart: Least distance of the arms, m.
     """
@@ -133,5 +133,5 @@ def dividing_line(
 
 
 def bounds_of(line: FloatArray, apart: float) -> tuple[FloatArray, FloatArray]:
-    """Return beyond which places the right and the left arm must be, (s,) m each."""
+    """Compute the bounds beyond which the right and the left arm must stay, (s,) m each."""
     return line + apart / 2, line - apart / 2

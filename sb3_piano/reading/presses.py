@@ -1,4 +1,4 @@
-"""Presses of a hand as they are planned: shortened where it has to leap."""
+"""Planned presses of a hand, shortened at its leaps."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from sb3_piano.music.presses import Press
 
 @dataclass(frozen=True)
 class TimedPress:
-    """A press as it is planned."""
+    """Press with its planned states."""
 
     press: Press
-    """The press of the score."""
+    """Press of the score."""
     first: int
-    """First state in which the key is to be down."""
+    """First state in which the key must be down."""
     last: int
-    """Last one."""
+    """Last state in which the key must be down."""
     leaps: bool = False
-    """Whether the hand leaves for another place after it."""
+    """Whether the hand leaps after it."""
     leapt: bool = False
-    """Whether it came from another place."""
+    """Whether the hand leaps before it."""
     repeated: bool = False
     """Whether the same finger strikes the same key again right after it."""
 
@@ -42,22 +42,22 @@ def time_presses(
     hurry: int = 0,
     robot: HandSpec | None = None,
 ) -> tuple[TimedPress, ...]:
-    """Return the presses of a hand, shortened around its leaps.
+    """Shorten the presses of a hand at its leaps.
 
-    A finger that is pressed down stands in the gap between the neighbouring keys: it has to come
-    up before it can move sideways, and the next one has to arrive before it can go down. The time
-    for that is taken from the end of the earlier note, all but one state of it, and only what is
-    then missing from the beginning of the later one: a strike that comes late is heard, a note
-    that ends early hardly. Where the leaps before and after a note would take all of it, its first
-    and its last state change places: it keeps two or more, up to the whole note.
+    A finger on a pressed key is in the gap between the neighbouring keys. It has to come up before
+    it can move sideways, and the next finger has to arrive before it can go down. The earlier note
+    ends early to give this time, but keeps at least one state; only missing time is taken from the
+    start of the later note, because late strikes are heard more than early releases. If the leaps
+    before and after a note would take all of it, its first and last state are swapped: it keeps two
+    or more states, up to the whole note.
 
     Args:
         presses: The presses, in order of time.
-        sign: 1 for the right hand, -1 for the left one.
-        stretch: Share of what two fingers can spread within which the hand does not have to leap:
-            where all that is struck at a time is so near to what came before, nothing is lost.
-        hurry: Control steps by which leaps cost less than :func:`lost_to_leap` says.
-        robot: The hand, by default the default one.
+        sign: 1 for the right hand, -1 for the left hand.
+        stretch: Share of two fingers' span within which the hand need not leap. If all keys struck
+            at a time are so near to the ones before, no note is shortened.
+        hurry: Control steps by which leaps are shorter than :func:`lost_to_leap`.
+        robot: The hand; by default the default hand.
     """
     robot = robot or find_hand()
     timed = [TimedPress(press, press.first, press.last) for press in presses]
@@ -88,14 +88,14 @@ def time_presses(
             last = min(timed[earlier].last, before.last - early)
             timed[later] = replace(timed[later], leapt=True, first=first)
             timed[earlier] = replace(timed[earlier], leaps=True, last=last)
-    # What leaps take from both ends may be all there is: then first and last change places.
+    # If leaps take the whole note from both ends, first and last are swapped.
     return tuple(
         replace(one, first=min(one.first, one.last), last=max(one.first, one.last)) for one in timed
     )
 
 
 def _neighbours(presses: Sequence[Press]) -> list[tuple[int, int]]:
-    """Return pairs (later, earlier) of notes between whose sounding the hand strikes no other."""
+    """Find pairs (later, earlier) of notes between which the hand strikes no other note."""
     onsets = sorted({press.first for press in presses})
     pairs = []
     recent: list[int] = []

@@ -1,4 +1,4 @@
-"""Notes of a piece that the hands cannot play as written: what its roll tells of them."""
+"""Notes that the hands cannot play as written, found from the piano roll alone."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from sb3_piano.music.pitch import pitch_name
 
 @dataclass(frozen=True)
 class Problem:
-    """A note that cannot be played as it is written."""
+    """Note that cannot be played as written."""
 
     pitch: int
     """MIDI pitch."""
     time: float
     """Its onset, s from the start of the episode."""
     finger: int
-    """The finger that has it, 0 to 9, of a note that is let go as it is written; -1 for none."""
+    """Its written finger, 0 to 9, also if released early; -1 for none."""
     reason: str
     """The problem in words."""
     error: float = 0.0
@@ -35,17 +35,17 @@ class Problem:
 
 
 def unheld(roll: PianoRoll) -> list[Problem]:
-    """Return the notes that no finger holds as written, in order of time.
+    """Find the notes that no finger holds as written, in order of time.
 
-    They have no finger, are let go early, or are left out. This is all that a roll tells without a
-    plan. The roll is one after :func:`~sb3_piano.music.fingering.robot.release_early`.
+    They have no finger, are released early, or are left out. Other problems need a plan. The roll
+    must come from :func:`~sb3_piano.music.fingering.robot.release_early`.
     """
     found = [*_fingerless(roll), *_released(roll)]
     return sorted(found, key=lambda problem: problem.time)
 
 
 def _fingerless(roll: PianoRoll) -> list[Problem]:
-    """Return the notes that have no finger: more sound at once than a hand can hold."""
+    """Find the notes without a finger: more notes sound at once than a hand can hold."""
     left_out = {(one.release, one.key) for one in roll.early_releases}
     return [
         problem_of(roll.control_timestep, key, step, UNKNOWN_FINGER, "no finger is left for it")
@@ -55,10 +55,10 @@ def _fingerless(roll: PianoRoll) -> list[Problem]:
 
 
 def _released(roll: PianoRoll) -> list[Problem]:
-    """Return the notes that are let go before their end, or not struck."""
+    """Find the notes that are released before their end, or not struck."""
     timestep, problems = roll.control_timestep, []
     for one in roll.early_releases:
-        if one.onset < one.release == one.offset - 1:  # rounding to control steps, nobody hears it
+        if one.onset < one.release == one.offset - 1:  # rounding to control steps, inaudible
             continue
         instead = pitch_name(MIN_PITCH + one.for_key)
         reason = f"let go early by {(one.offset - one.release) * timestep:.2f} s for {instead}"
@@ -71,12 +71,12 @@ def _released(roll: PianoRoll) -> list[Problem]:
 def problem_of(
     timestep: float, key: int, step: int, finger: int, reason: str, error: float = 0.0
 ) -> Problem:
-    """Return the problem of a note by its key and first control step."""
+    """Make the problem of a note from its key and first control step."""
     return Problem(MIN_PITCH + key, step * timestep, finger, reason, error)
 
 
 def summary(problems: Sequence[Problem], shown: int = 5) -> str:
-    """Return the problems in words, the first ones by name."""
+    """Describe problems in words, the first ones by name."""
     kinds = Counter(problem.reason.split(" by ")[0] for problem in problems)
     listed = "; ".join(str(problem) for problem in problems[:shown])
     more = f"; and {len(problems) - shown} more" if len(problems) > shown else ""

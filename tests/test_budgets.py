@@ -34,7 +34,7 @@ LINES = {
     "metrics": 1_053,
     "music": 8_509,
     "pipelines": 1_198,
-    "planning": 2_721,
+    "planning": 2_720,
     "players": 2_161,
     "policies": 1_588,
     "reading": 578,
@@ -54,7 +54,7 @@ LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_629, "modules": 335, "names": 227},
+    "core": {"lines": 49_628, "modules": 335, "names": 227},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
     "tests": {"lines": 42_091},
 }

@@ -1,7 +1,7 @@
-"""Planning: the score and the simulator are known, so the motion of both hands can be computed.
+"""Planning of both hands' motion through a piece, from the score and the simulation model.
 
-:func:`plan` finds the motion for a whole piece, from what :mod:`sb3_piano.reading` reads, and
-:class:`Refinement` improves it in simulation. :mod:`sb3_piano.players` has who follows it.
+:func:`plan` computes the motion for a whole piece from the targets of :mod:`sb3_piano.reading`, and
+:class:`Refinement` improves it in simulation. :mod:`sb3_piano.players` has players that follow it.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""Changes of a plan's commands where the hands are elsewhere."""
+"""Feedback corrections of a plan's commands."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from sb3_piano.planning.hand_plan import HandPlan
 
 _ASIDE, _UP = 1, 2
 _BESIDE = (0.008, 0.014)
-"""From the first distance across the keys a fingertip is lifted, from the second one in full, m."""
+"""Distances across the keys at which the lift of a fingertip begins and is full, m."""
 
 
 class Correction:
-    """Optimal feedback of the hands' plans, and a way out for fingers that have caught.
+    """Optimal feedback of the hands' plans, and a lift for fingertips that have caught.
 
-    A fingertip far to the side of its place is above or between other keys than its own, and the
-    feedback, which knows no contacts, would push it on against whatever holds it there. It is
-    lifted instead, by the joints that move no other finger, until it is back.
+    A fingertip far to the side of its place is above or between other keys. The feedback has no
+    model of contacts and would push it against the obstacle. It is lifted instead, by the joints
+    that move no other finger, until it is back.
 
     Args:
-        hands: The plans.
-        feedback: Share of the optimal feedback that is used.
+        hands: Plans of the hands.
+        feedback: Share of the optimal feedback to use.
         lift: Height by which such a fingertip is lifted, m.
     """
 
@@ -31,9 +31,9 @@ class Correction:
         self._hands = [_OfHand(hand, feedback, lift) for hand in hands]
 
     def positions(self, joints: FloatArray) -> FloatArray:
-        """Return where the actuators are as a plan counts it, from the joints of all hands.
+        """Compute actuator positions in the sense of a plan from the joints of all hands.
 
-        Plans take fingers to bend evenly: see :meth:`HandKinematics.even_positions`.
+        Plans assume evenly bent fingers: see :meth:`HandKinematics.even_positions`.
 
         Args:
             joints: (m,) or (N, m) in the order of :attr:`PianoScene.hand_qpos`, rad or m.
@@ -46,9 +46,9 @@ class Correction:
         return np.concatenate([hand.positions(part) for hand, part in pairs], axis=-1)
 
     def __call__(self, step: int, ahead: FloatArray) -> FloatArray:
-        """Return how much more than planned the actuators are told before a control step.
+        """Compute the corrections to add to the planned commands before a control step.
 
-        ``ahead`` are the distances from the plan, (n,) or (N, n), rad or m.
+        ``ahead`` are the deviations from the plan, (n,) or (N, n), rad or m.
         """
         parts = np.split(ahead, len(self._hands), axis=-1)
         return np.concatenate(
@@ -58,7 +58,7 @@ class Correction:
 
 
 class _OfHand:
-    """Correction of one hand, linear around where it is planned to be."""
+    """Correction of one hand, linear around its planned positions."""
 
     def __init__(self, plan: HandPlan, feedback: float, lift: float):
         self._gains: Float32Array = (feedback * plan.gains).astype(np.float32)

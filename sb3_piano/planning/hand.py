@@ -1,4 +1,4 @@
-"""A hand as the planner knows it: fingertips, resting posture, and motion as a linear system."""
+"""Planner's model of a hand: kinematics, resting posture, and linear dynamics."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from sb3_piano.planning.tracking_control import HandDynamics
 from sb3_piano.reading.keyboard import WHITE_X, KeyPlaces
 from sb3_piano.simulation import PianoScene
 
-# What the search holds: elbows are out, so that hands have room beside each other; rad, or m.
+# Joints fixed in the search, rad or m: elbows point outwards, so that both hands have room.
 _HELD = {"yaw": -0.1, "roll": 0.0, "pitch": 0.0, "up": 0.0}
 _TRIALS = 2
 
 _PULL = 0.01  # weight of a finger's distance from the resting posture, per rad
-# How firmly actuators are held, in multiples of that: the arm goes where it must.
+# The same by role, as multiples of that: the arm is nearly free.
 _FIRMNESS = {"along": 0.01, "across": 2.0, "wrist": 2.0, "abduction": 1.5, "finger": 1.0}
-# A forearm that turns with every note is played worse than one that gives way to the other alone.
+# Forearms that turn with every note play worse than those that only give way to the other one.
 _FIRMNESS |= dict.fromkeys(("up", "roll", "pitch", "yaw"), 1000.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """One hand, at rest over neighbouring white keys."""
+    """Model of one hand around its rest over neighbouring white keys."""
 
     kinematics: HandKinematics
-    """Its fingertips."""
+    """Its kinematics."""
     keys: KeyPlaces
     """The keyboard under it."""
     rest: FloatArray
     """(n,) actuator positions at rest, rad; 0 m for the slider along the keyboard."""
     pull: FloatArray
-    """(n,) weights of distances from them, per rad or m."""
+    """(n,) weights of distances from ``rest``, per rad or m."""
     dynamics: HandDynamics
-    """Its motion around the resting posture."""
+    """Its linear dynamics around the resting posture."""
 
     @classmethod
     def of(cls, scene: PianoScene, side: int, keys: KeyPlaces, n_substeps: int) -> Hand:
-        """Find the posture of a hand (0 right, 1 left), fingertips over neighbouring white keys."""
+        """Make the model of a hand (0 right, 1 left) in a scene."""
         kinematics = HandKinematics(scene, side)
         rest = resting_posture(kinematics, keys)
         pull = _PULL * np.array([_FIRMNESS[role] for role in kinematics.roles])
@@ -54,9 +54,9 @@ class Hand:
 
 
 def resting_posture(kinematics: HandKinematics, keys: KeyPlaces) -> FloatArray:
-    """Return the posture in which the fingertips lie over neighbouring white keys, (n,).
+    """Find the posture with the fingertips over neighbouring white keys, (n,).
 
-    It is sought once for all hands that are alike, which takes a tenth of a second.
+    The search takes a tenth of a second, once for all equal hands.
     """
     return _sought(pickle.dumps(kinematics), float(np.min(keys.top)))
 

@@ -13,9 +13,9 @@ from sb3_piano.reading.key_frames import KeyFrames
 _X, _Y, _Z = range(3)
 
 # A black key's top is at a height of 0.035 m.
-_IDLE_HEIGHT, _IDLE_WEIGHT = 0.047, 5.0  # least height of fingertips that play nothing, m; per m
-_IDLE_X, _IDLE_X_HEIGHT = 0.030, 0.052  # nearer to the hinges than this, m, they are higher, m
-_WALL_X, _WALL_HEIGHT = 0.0235, 0.037  # the same of those that play, and their radius more
+_IDLE_HEIGHT, _IDLE_WEIGHT = 0.047, 5.0  # least height of idle fingertips, m; weight, per m
+_IDLE_X, _IDLE_X_HEIGHT = 0.030, 0.052  # their least height nearer to the hinges than x, m
+_WALL_X, _WALL_HEIGHT = 0.0235, 0.037  # the same for playing fingertips, plus their radius
 _WALL_WEIGHT = 5.0  # of coming nearer, per m
 _SPACING_WEIGHT = 3.0  # of falling short of the least gaps of neighbours, per m
 _ARMS_WEIGHT = 40.0  # of an arm beyond its bound, per m
@@ -23,18 +23,18 @@ _ARMS_WEIGHT = 40.0  # of an arm beyond its bound, per m
 
 @dataclass(eq=False)
 class HandCost:
-    """The sum of squared residuals of s states that say what is wrong with each of them.
+    """Cost of a hand's motion: the sum of squared residuals of s states.
 
-    They are, per state of a hand with f fingers: the fingertips' distances from their targets
-    (3 f); how far those that have none hang down (f); how far fingertips are inside the row of
-    black keys (f); how much neighbouring fingers (f - 1) and the two arms (1) are too near.
+    The residuals of each state, for a hand with f fingers, are the fingertips' distances from their
+    targets (3 f), the missing heights of idle fingertips (f), the depths of fingertips inside the
+    row of black keys (f), and the missing distances of neighbouring fingers (f - 1) and arms (1).
     """
 
     kinematics: HandKinematics
     frames: KeyFrames
     """Targets of the s states."""
     bound: FloatArray
-    """(s,) beyond which the arm must be (in the hand's own direction), m."""
+    """(s,) place beyond which the arm must stay (in the hand's own direction), m."""
 
     def __post_init__(self) -> None:
         self.sign = self.kinematics.sign
@@ -46,16 +46,16 @@ class HandCost:
         self._wall, self._spacing = slice(4 * f, 5 * f), slice(5 * f, 6 * f - 1)
 
     def values(self, positions: FloatArray) -> FloatArray:
-        """Return the residuals of (s, n) actuator positions, (s, 6 f)."""
+        """Compute the residuals of (s, n) actuator positions, (s, 6 f)."""
         return self._values(positions, self.kinematics.fingertips(positions))
 
     def bound_violation(self, positions: FloatArray) -> FloatArray:
-        """Return the distance of the arm beyond its bound, (s,) m, 0 or more."""
+        """Compute the distance of the arm beyond its bound, (s,) m, 0 or more."""
         too_far_in = self.sign * (self.bound - self.kinematics.arm(positions))
         return np.asarray(np.maximum(too_far_in, 0))
 
     def quadratic(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the Gauss-Newton model of half the cost: (s, n, n) Hessians, (s, n) gradients."""
+        """Compute the Gauss-Newton model of half the cost: (s, n, n) Hessians, (s, n) gradients."""
         tips, jacobian = self.kinematics.fingertips_and_jacobian(positions)
         values = self._values(positions, tips)
         slopes = self._slopes(positions, tips, jacobian, values)
@@ -77,7 +77,7 @@ class HandCost:
     def _slopes(
         self, positions: FloatArray, tips: FloatArray, jacobian: FloatArray, values: FloatArray
     ) -> FloatArray:
-        """Return the residuals' derivatives, (s, 6 f, n)."""
+        """Compute the residuals' derivatives, (s, 6 f, n)."""
         count, size = len(tips), jacobian.shape[-1]
         slopes = np.empty((count, self._count, size))
         weighted = self.frames.weight[..., None] * jacobian
@@ -96,12 +96,12 @@ class HandCost:
         return slopes
 
     def _too_close(self, tips: FloatArray) -> FloatArray:
-        """Return how much neighbours are too close, from the thumb on, (s, f - 1)."""
+        """Compute the missing distances of neighbours, from the thumb on, (s, f - 1)."""
         gaps = self.sign * np.diff(tips[..., _Y], axis=1)
         return np.maximum(self._gaps - gaps, 0)
 
     def _inside_wall(self, tips: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
-        """Return how far fingertips are inside the row of black keys, and which way leads out.
+        """Compute the depths of fingertips inside the row of black keys, and their ways out.
 
         Returns:
             Depths along x and z, (s, f) m; and which fingers should go forwards or upwards.
@@ -111,6 +111,6 @@ class HandCost:
         too_near = np.maximum(near - tips[..., _X], 0)
         too_low = np.maximum(low - tips[..., _Z], 0)
         inside = (too_near > 0) & (too_low > 0) & ~self.frames.on_black
-        # Who is on the way to a black key takes the shorter way out, all others go forwards.
+        # Fingers that move to a black key take the shorter way out; all others go forwards.
         upwards = inside & self.frames.to_black & ~self.idle & (too_low < too_near)
         return too_near, too_low, inside & ~upwards, upwards

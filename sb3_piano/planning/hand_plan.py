@@ -1,4 +1,4 @@
-"""The motion of the hands through a piece, planned stretch by stretch."""
+"""Planning of the hands' motion through a piece, stretch by stretch."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from sb3_piano.reading.key_frames import KeyFrames
 from sb3_piano.reading.piece import bounds_of
 from sb3_piano.reading.presses import TimedPress
 
-_MANY_STRETCHES = 4  # from so many on, a second process is worth the seconds that it takes to start
+_MANY_STRETCHES = 4  # least number for which a second process saves more time than its start takes
 _UP = 2
-_GIVING_WAY = 3.0  # how far the line between the arms moves, per distance beyond it
+_GIVING_WAY = 3.0  # motion of the line between the arms, per distance beyond it
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,29 +36,29 @@ class HandTask:
 
     hand: Hand
     presses: tuple[TimedPress, ...]
-    """The presses as they are planned."""
+    """The planned presses."""
     frames: KeyFrames
     """Targets of the fingertips in all T + 1 states."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HandPlan:
-    """Motion of one hand through T control steps; n are its actuators, rad, or m for sliders."""
+    """Motion of one hand with n actuators through T control steps, in rad, or m for sliders."""
 
     task: HandTask
     """Task of the hand."""
     weightless: FloatArray
-    """(T + 1, n) where the actuators would be if they had no inertia."""
+    """(T + 1, n) planned positions of the actuators without inertia."""
     positions: FloatArray
-    """(T + 1, n) where they should be."""
+    """(T + 1, n) planned positions."""
     commands: FloatArray
-    """(T, n) what they are told for that."""
+    """(T, n) commands for these positions."""
     gains: Float32Array
-    """(T, n, n) by how much less that is per unit of positions that are ahead of the plan."""
+    """(T, n, n) feedback gains: decrease of the commands per unit of positions beyond the plan."""
 
 
 HandPlans = tuple[HandPlan, ...]
-"""A plan for each hand of a scene, the right one's first."""
+"""Plans of the hands of a scene, the right one first."""
 
 
 def plan_hands(
@@ -68,10 +68,10 @@ def plan_hands(
     settings: PlanSettings,
     control_timestep: float,
 ) -> tuple[HandPlans, FloatArray]:
-    """Return the plans of the hands, the right one's first, and the line between the arms.
+    """Plan the motions of the hands, the right one first, and the line between the arms.
 
-    ``wanted`` is where across the keys each hand would be if it were alone, ``line`` where the line
-    between the arms may begin, all (T + 1,) m.
+    ``wanted`` are the places of each hand by itself across the keys, ``line`` is the initial line
+    between the arms, all (T + 1,) m.
     """
     stretches = tuple(_stretches(len(line), settings, control_timestep))
     pairs = zip(tasks, wanted, strict=True)
@@ -81,13 +81,13 @@ def plan_hands(
     else:
         found = in_turns(_planned, parts)
     (_, line), *_ = found
-    # What comes from another process has a copy of its task.
+    # A plan from another process has a copy of its task.
     plans = (replace(plan, task=task) for (plan, _), task in zip(found, tasks, strict=True))
     return tuple(plans), line
 
 
 class _Part(NamedTuple):
-    """What is to be planned for one hand; see :func:`plan_hands`."""
+    """Input of one hand's planning; see :func:`plan_hands`."""
 
     task: HandTask
     wanted: FloatArray
@@ -97,9 +97,9 @@ class _Part(NamedTuple):
 
 
 def _planned(part: _Part) -> Talk[FloatArray, tuple[HandPlan, FloatArray]]:
-    """Plan a hand beside the others.
+    """Plan a hand in lock step with the others.
 
-    Each yields how far its arm is beyond its bound, (s,) m, and is sent that of all of them.
+    Each hand yields the distance of its arm beyond its bound, (s,) m, and receives those of all.
     """
     task, settings, line = part.task, part.settings, part.line.copy()
     motion, hand = _Motion(task, settings), task.hand.kinematics.hand
@@ -115,7 +115,7 @@ def _planned(part: _Part) -> Talk[FloatArray, tuple[HandPlan, FloatArray]]:
             if turn > 0:
                 beyond = yield problem.cost.bound_violation(problem.positions)
                 if len(beyond) > 1:
-                    # Who is pressed harder against the line gets more room.
+                    # The arm farther beyond the line gets more room.
                     here = here - _GIVING_WAY * (beyond[0] - beyond[1])
                     problem.rebound(bounds_of(here, apart)[hand])
             problem.improve(settings.iterations)
@@ -137,18 +137,18 @@ class _Motion:
         self._gains: list[Float32Array] = []
 
     def problem(self, start: int, stop: int, bound: FloatArray, guess: FloatArray) -> HandProblem:
-        """Return the least squares of the states ``start`` to ``stop - 1``, which come next.
+        """Make the least-squares problem of the next states, ``start`` to ``stop - 1``.
 
-        The arm must be beyond ``bound``, (s,) m; ``guess``, (s, n), are positions to start from.
+        The arm must stay beyond ``bound``, (s,) m; ``guess``, (s, n), are the initial positions.
         """
         task, kinematics = self.task, self.task.hand.kinematics
         cost = HandCost(kinematics, task.frames.between(start, stop), bound)
-        # Before the first state the hand is where it is in it.
+        # Before the first state the hand has the same positions.
         before = np.concatenate([self._weightless[0], *self._weightless[-2:]])[-2:]
         return HandProblem(cost, Smoothness(kinematics, before, stop - start), task.hand, guess)
 
     def extend(self, problem: HandProblem, keep: int) -> None:
-        """Append the states of a solved stretch up to ``keep``, now with the hand's inertia."""
+        """Append the states of a solved stretch up to ``keep``, with the hand's inertia."""
         task, planned, count = self.task, problem.positions, keep - self._stop
         forces = _key_forces(task, planned, self._stop, self._settings)
         control = TrackingControl(
@@ -166,7 +166,7 @@ class _Motion:
         self._stop = keep
 
     def plan(self) -> HandPlan:
-        """Return what there is."""
+        """Return the plan up to this state."""
         size = self.task.hand.kinematics.size
         return HandPlan(
             task=self.task,
@@ -178,7 +178,7 @@ class _Motion:
 
 
 def _guess(hand: Hand, wanted: FloatArray, bound: FloatArray) -> FloatArray:
-    """Return the resting posture wherever the hand has to be, (s, n)."""
+    """Make an initial guess: the resting posture at the hand's places, (s, n)."""
     kinematics = hand.kinematics
     guess = np.tile(hand.rest, (len(wanted), 1))
     place = kinematics.sign * np.maximum(kinematics.sign * wanted, kinematics.sign * bound)
@@ -189,7 +189,7 @@ def _guess(hand: Hand, wanted: FloatArray, bound: FloatArray) -> FloatArray:
 def _key_forces(
     task: HandTask, positions: FloatArray, start: int, settings: PlanSettings
 ) -> FloatArray:
-    """Return the forces of keys that are held on the actuators, (s, n), from state ``start`` on."""
+    """Compute the forces of held keys on the actuators, (s, n), from state ``start`` on."""
     keys = task.hand.keys
     tips, jacobian = task.hand.kinematics.fingertips_and_jacobian(positions)
     forces = np.zeros_like(positions)
@@ -209,13 +209,13 @@ def _key_forces(
 def _stretches(
     n_states: int, settings: PlanSettings, control_timestep: float
 ) -> Iterator[tuple[int, int, int]]:
-    """Yield the first state of each stretch, the one after its last, and after those kept."""
+    """Yield each stretch: its first state, its end, and the end of its kept states."""
     window = max(round(settings.window / control_timestep), 1)
     overlap = max(round(settings.overlap / control_timestep), 1)
     start = 1
     while start < n_states:
         keep = start + window
-        if keep + overlap >= n_states:  # what little would remain is done at once
+        if keep + overlap >= n_states:  # a short remainder is included
             keep = n_states
         yield start, min(keep + overlap, n_states), keep
         start = keep

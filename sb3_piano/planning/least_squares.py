@@ -1,11 +1,11 @@
-"""One hand's way through a stretch of a piece: a sparse nonlinear least-squares problem.
+"""Trajectory of one hand through a stretch: a sparse nonlinear least-squares problem.
 
 The unknowns are the positions of the hand's actuators in all states. Each state's residuals depend
-on that state alone, and smoothness ties a state to the two before it: the normal equations are
-banded, and LAPACK's banded Cholesky factorisation (through SciPy) solves them in time and memory
-that grow with the length of the stretch. General sparse solvers order and analyse what is known
-here; differential inverse kinematics (such as mink) solves one posture after the other and cannot
-begin to move before it must; Crocoddyl's shooting methods were not needed, as the hands' dynamics
+on that state alone, and smoothness couples a state to the two before it. The normal equations are
+therefore banded; LAPACK's banded Cholesky factorisation (through SciPy) solves them in time and
+memory linear in the length of the stretch. Alternatives: general sparse solvers analyse a structure
+that is known here; differential inverse kinematics (such as mink) solves one posture after the
+other, so motions begin late; Crocoddyl's shooting methods are not needed, as the hands' dynamics
 are nearly linear (:mod:`sb3_piano.planning.tracking_control`).
 """
 
@@ -22,7 +22,7 @@ from sb3_piano.planning.hand_cost import HandCost
 _LONGEST_STEP = 0.4  # rad, or m
 _FIRST_DAMPING = 1e-2
 _LEAST_DAMPING, _MOST_DAMPING = 1e-7, 30.0
-_FIXING = 1e12  # damping of what stays as it is
+_FIXING = 1e12  # damping of fixed positions
 _AT_END = 1e-9  # within this a position is at an end of its range; rad, or m
 _SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
 
@@ -33,10 +33,10 @@ _JERK |= dict.fromkeys(("up", "roll", "pitch", "yaw"), 10.0)
 
 
 class HandProblem:
-    """Levenberg-Marquardt with a damping of its own for every state.
+    """Levenberg-Marquardt solver with a separate damping for every state.
 
-    A step that is too long in one bar need not be shortened in all the others. Fingers return to
-    the hand's resting posture; ``start`` are the (s, n) actuator positions to start from.
+    A step that is too long in one bar is not shortened in the others. Fingers return to the hand's
+    resting posture. ``start`` are the (s, n) initial actuator positions.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class HandProblem:
     ):
         self.cost = cost
         self.positions = start
-        """(s, n) the best positions so far."""
+        """(s, n) best positions so far."""
         self._smoothness = smoothness
         self._rest = hand.rest
         self._pull = hand.pull**2
@@ -59,13 +59,13 @@ class HandProblem:
         self._evaluate()
 
     def rebound(self, bound: FloatArray) -> None:
-        """Move the line that the arm must not cross, (s,) m."""
+        """Move the bound of the arm, (s,) m."""
         self.cost.bound = bound
         self._normal = None
         self._evaluate()
 
     def improve(self, iterations: int) -> None:
-        """Try some steps."""
+        """Run some iterations."""
         for _ in range(iterations):
             step = self._step()
             if step is None:
@@ -76,13 +76,13 @@ class HandProblem:
                 better, worse = self._try(share * step)
                 if better:
                     break
-            # Where it became worse steps must be shorter; neighbours are tied and share a failure.
+            # Damp states that became worse, with their neighbours, as smoothness couples them.
             near = np.convolve(worse, np.ones(5))[2:-2] > 0
             factor = np.where(near, 2.0, 1 / 3) if better else np.where(near, 12.0, 2.0)
             self._damping = np.clip(self._damping * factor, _LEAST_DAMPING, _MOST_DAMPING)
 
     def _try(self, step: FloatArray) -> tuple[bool, BoolArray]:
-        """Take a step if it is one for the better; also return which states became worse."""
+        """Take a step if it improves the cost; return this, and which states became worse."""
         kinematics = self.cost.kinematics
         candidate = np.clip(self.positions + step, kinematics.low, kinematics.high)
         by_state = self._by_state(candidate)
@@ -110,9 +110,9 @@ class HandProblem:
         return np.clip(step.reshape(self.positions.shape), -_LONGEST_STEP, _LONGEST_STEP)
 
     def _stopped(self, gradient: FloatArray) -> BoolArray:
-        """Return which positions are at an end of their range and would go on beyond it, (s, n).
+        """Find positions at an end of their range that would move beyond it, (s, n).
 
-        Were they free, the step would count on what clipping takes away (projected Newton;
+        If they were free, the step would rely on motion that clipping removes (projected Newton;
         Bertsekas 1982).
         """
         kinematics = self.cost.kinematics
@@ -141,7 +141,7 @@ class HandProblem:
 
 
 class Smoothness:
-    """The sum of squared first and second differences of s states, weighted by actuator.
+    """Smoothness cost: weighted squared first and second differences of s states.
 
     ``before`` are the (2, n) actuator positions in the two states before them.
     """
@@ -152,15 +152,15 @@ class Smoothness:
         self._first = np.full(kinematics.size, _VELOCITY**2)
         self._before = before
         self.band = self._band(n_states, kinematics.size)
-        """(2 n + 1, s n) the Hessian of half the cost: its lower diagonals, as LAPACK has them."""
+        """(2 n + 1, s n) Hessian of half the cost: its lower diagonals in LAPACK's layout."""
 
     def cost(self, positions: FloatArray) -> float:
-        """Return the cost of (s, n) actuator positions."""
+        """Compute the cost of (s, n) actuator positions."""
         speed, change = self._differences(positions)
         return float((self._first * speed**2).sum() + (self._second * change**2).sum())
 
     def gradient(self, positions: FloatArray) -> FloatArray:
-        """Return the gradient of half the cost, (s, n)."""
+        """Compute the gradient of half the cost, (s, n)."""
         speed, change = self._differences(positions)
         result = self._first * speed + self._second * change
         result[:-1] -= self._first * speed[1:] + 2 * self._second * change[1:]

@@ -1,7 +1,7 @@
-"""From a score to a motion of the hands that plays it.
+"""Plans: motions of the hands that play a score.
 
-A roll with its final fingers becomes presses, presses become key frames, key frames the plans of
-the hands, and these a plan. Each is a value made by a function; all but the hands' plans are cheap.
+A roll with its final fingers becomes presses, presses become key frames, key frames become the
+hands' plans, and these become a plan. Only the hands' plans take long to compute.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ _DEFAULT_TIMESTEP = 0.05
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plan:
-    """Motion of the hands of a scene through a piece of T steps; n are the scene's actuators."""
+    """Motion of a scene's hands, with n actuators in all, through a piece of T control steps."""
 
     roll: PianoRoll
-    """The piece, with the fingers that play it; without, where a hand lets go of a note."""
+    """The piece with its fingers; notes released early have no finger after the release."""
     hands: tuple[HandPlan, ...]
-    """The plans of the hands that are there, the right one first."""
+    """Plans of the hands in the scene, the right one first."""
     arm_line: FloatArray
     """(T + 1,) line between the arms, m."""
     problems: tuple[Problem, ...]
     """Notes that cannot be played as written, in order of time."""
     passes: int = 0
-    """Passes of refinement that it went through. From the first one on its motion is one that came
-    out in a simulation, and comes out again where everything is as it was there."""
+    """Number of passes of refinement. After one or more, its motion is that of a simulation, and is
+    exactly reproducible under the same conditions."""
 
     def __len__(self) -> int:
         return len(self.roll)
 
     @functools.cached_property
     def positions(self) -> FloatArray:
-        """(T + 1, n) where the actuators should be before the first control step and after each.
+        """(T + 1, n) planned actuator positions before the first control step and after each.
 
         In rad, or m for the sliders.
         """
@@ -59,12 +59,12 @@ class Plan:
 
     @functools.cached_property
     def commands(self) -> FloatArray:
-        """(T, n) what they are told for that, if all goes as planned."""
+        """(T, n) commands for these positions, without corrections."""
         return np.concatenate([hand.commands for hand in self.hands], axis=1)
 
     @functools.cached_property
     def fingertips(self) -> FloatArray:
-        """(T + 1, 5 h, 3) where the fingertips of h hands are: centres of their round ends, m."""
+        """(T + 1, 5 h, 3) fingertips of h hands, as centres of their round ends, m."""
         tips = [hand.task.hand.kinematics.fingertips(hand.positions) for hand in self.hands]
         return np.concatenate(tips, axis=1)
 
@@ -76,21 +76,21 @@ def plan(
     *,
     control_timestep: float = _DEFAULT_TIMESTEP,
 ) -> Plan:
-    """Plan how to play a piece, from the first note to the last one.
+    """Plan the hands' motion through a piece, from the first note to the last one.
 
-    The hands start with all joints at 0, as the environment's do. Time and memory grow with the
-    length of the piece; beyond :attr:`PlanSettings.window` it is planned in stretches, each of
-    which sees the beginning of the next one.
+    The hands start with all joints at 0, as in the environment. Time and memory grow with the
+    length of the piece. Pieces longer than :attr:`PlanSettings.window` are planned in stretches,
+    each with a view of the next one's beginning.
 
-    Notes that cannot be played as written are planned as well as can be, and listed in
+    Notes that cannot be played as written are planned as nearly as possible, and listed in
     ``problems``.
 
     Args:
-        piece: A score, which gets the fingers that suit the hands; or a roll with fingers.
-        scene: The piano and the hands. One that is alone plays what it has fingers for.
+        piece: A score, which gets fingers that suit the hands; or a roll with fingers.
+        scene: The piano and the hands. A single hand plays the notes with its fingers.
         settings: The plan's settings.
-        control_timestep: Length of a control step, s; a whole number of physics steps. A roll
-            brings its own.
+        control_timestep: Length of a control step of a score, s; a whole number of physics steps. A
+            roll has its own.
 
     Raises:
         ScoreError: If no note of a roll has a finger, or no fingers can be found for a score.
@@ -108,7 +108,7 @@ def plan(
     made = tasks.plan(hands, line, scene)
     if settings.passes == 0:
         return made
-    from sb3_piano.planning.refinement import Refinement  # here, as it builds on plans
+    from sb3_piano.planning.refinement import Refinement  # imports this module
 
     with contextlib.closing(Refinement(made, scene, settings)) as refinement:
         refinement.run(passes=settings.passes)
@@ -116,20 +116,20 @@ def plan(
 
 
 class HandTasks(NamedTuple):
-    """Tasks of all hands in a piece, which are known before a motion is planned."""
+    """Tasks of all hands in a piece, before a motion is planned."""
 
     roll: PianoRoll
-    """The piece; without fingers where a hand lets go of a note."""
+    """The piece; notes released early have no finger after the release."""
     of_hands: list[HandTask]
-    """The task of each hand of the scene, the right one's first."""
+    """Task of each hand of the scene, the right one first."""
     places: list[FloatArray]
-    """Where across the keys each hand would be if it were alone, (T + 1,) m."""
+    """Places of each hand by itself across the keys, (T + 1,) m."""
     line: FloatArray
-    """Where the line between the arms may begin, (T + 1,) m."""
+    """Initial line between the arms, (T + 1,) m."""
 
     @classmethod
     def of(cls, roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> HandTasks:
-        """Read a roll with fingers."""
+        """Read the tasks from a roll with fingers."""
         keys = KeyPlaces.of(scene)
         n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
         sides = [SIDES.index(name) for name in scene.sides]
@@ -150,13 +150,13 @@ class HandTasks(NamedTuple):
         return cls(read.roll, tasks, [one.place for one in readings], read.line)
 
     def plan(self, hands: HandPlans, line: FloatArray, scene: PianoScene, passes: int = 0) -> Plan:
-        """Return the plan in which hands move along a line between the arms, (T + 1,) m."""
+        """Make the plan of the hands' plans and their line between the arms, (T + 1,) m."""
         problems = problems_of(self.roll, hands, scene)
         return Plan(roll=self.roll, hands=hands, arm_line=line, problems=problems, passes=passes)
 
 
 def _of_hands(roll: PianoRoll, scene: PianoScene) -> PianoRoll:
-    """Return a roll without the fingers of hands that are not there."""
+    """Remove the fingers of absent hands from a roll."""
     there = np.isin(roll.finger, scene.fingers)
     if there[roll.active].all():
         return roll

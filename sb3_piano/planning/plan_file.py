@@ -1,4 +1,4 @@
-"""Plans in files: what was found in minutes is played at once."""
+"""Files of plans, so that a refined plan need not be computed again."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ FORMAT = 1
 """Version of the files."""
 
 _MOST_OF_HEADER, _MOST_OF_STEP = 2**20, 2**14
-"""Most bytes of a file's header, and of the numbers of a control step: two hands have some 6000."""
+"""Most bytes of a file's header, and of the numbers of a control step (two hands: about 6000)."""
 
 _OF_HAND = ("weightless", "positions", "commands", "gains")
 _EXPECTED = "expected a file that 'sb3-piano plan PIECE --refine MINUTES' wrote"
 
 
 def roll_digest(roll: PianoRoll) -> str:
-    """Return the SHA-256 of a roll: what is to be played, when, and by which fingers."""
+    """Compute the SHA-256 of a roll: its keys, times, pedal and fingers."""
     digest = hashlib.sha256(repr((roll.control_timestep, roll.early_releases)).encode())
     for array in (roll.active, roll.finger, roll.onset, roll.onset_time, roll.sustain):
         digest.update(array.tobytes())
@@ -52,15 +52,15 @@ def save_plan(
     settings: PlanSettings,
     **notes: float,
 ) -> None:
-    """Write a plan, in place of a file that is there.
+    """Write a plan to a file, replacing an existing one.
 
     Args:
         path: The file, which should end in ``.npz``.
         plan: The plan.
-        roll: The roll that it was made for, with fingers.
-        scene: The piano and the hands that it was made for.
-        settings: The settings with which it was made.
-        **notes: Anything else that is known of it, such as ``f1``.
+        roll: The roll of the plan, with fingers.
+        scene: The piano and the hands of the plan.
+        settings: The settings of the plan.
+        **notes: Further numbers about the plan, such as ``f1``.
     """
     header = {
         "format": FORMAT,
@@ -75,14 +75,14 @@ def save_plan(
         f"{name}_{i}": getattr(h, name) for i, h in enumerate(plan.hands) for name in _OF_HAND
     }
     text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    write: Any = np.savez_compressed  # its stub takes the names of arrays for options
+    write: Any = np.savez_compressed  # its stub mistakes array names for options
     write_atomically(
         Path(path), lambda file: write(file, header=text, arm_line=plan.arm_line, **arrays)
     )
 
 
 def settings_of_plan(path: str | os.PathLike[str]) -> PlanSettings:
-    """Return the settings with which the plan of a file was made.
+    """Read the settings of a file's plan.
 
     Raises:
         ConfigError: If the file cannot be read.
@@ -95,15 +95,15 @@ def settings_of_plan(path: str | os.PathLike[str]) -> PlanSettings:
 
 
 def load_plan(path: str | os.PathLike[str], roll: PianoRoll, scene: PianoScene) -> Plan:
-    """Return the plan of a file.
+    """Load the plan of a file.
 
     Args:
         path: The file.
-        roll: What is to be played, with fingers.
-        scene: The piano and the hands that are to play it.
+        roll: The piano roll to play, with fingers.
+        scene: The piano and the hands to play it with.
 
     Raises:
-        ConfigError: If the file cannot be read, or holds a plan of another piece or for another
+        ConfigError: If the file cannot be read, or has a plan of another piece or for another
             scene.
     """
     try:
@@ -126,7 +126,7 @@ def load_plan(path: str | os.PathLike[str], roll: PianoRoll, scene: PianoScene) 
 
 
 def _hand_plan(content: Arrays, index: int, task: HandTask) -> HandPlan:
-    """Return the plan of a hand, (T + 1, n) or (T, n) of its n actuators in T steps."""
+    """Read the plan of a hand with n actuators in T steps."""
     steps, n = task.frames.target.shape[0] - 1, len(task.hand.rest)
     shapes = [(steps + 1, n), (steps + 1, n), (steps, n), (steps, n, n)]
     numbers = {
@@ -144,7 +144,7 @@ def _numbers(content: Arrays, name: str, *shape: int) -> Any:
 
 
 class _MisfitError(Exception):
-    """What a plan was made for is not what is to be played."""
+    """The plan is of another piece, or for another scene."""
 
 
 def _check(header: Mapping[str, Any], roll: PianoRoll, scene: PianoScene) -> None:
@@ -166,6 +166,6 @@ def _check(header: Mapping[str, Any], roll: PianoRoll, scene: PianoScene) -> Non
 
 
 def _described(scene: PianoScene) -> dict[str, Any]:
-    """Return what a scene was compiled with, in JSON's types."""
+    """Return the options that a scene was compiled with, in JSON's types."""
     plain: dict[str, Any] = json.loads(json.dumps(dict(scene.options), default=str))
     return plain

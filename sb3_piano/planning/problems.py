@@ -12,14 +12,14 @@ from sb3_piano.planning.hand_plan import HandPlan
 from sb3_piano.reading.problems import Problem, problem_of, unheld
 from sb3_piano.simulation import PianoScene
 
-# From how far off on a note counts as out of reach: a white key is 23.5 mm wide, a fingertip 13 mm.
+# Least error at which a note is out of reach, m: a white key is 23.5 mm wide, a fingertip 13 mm.
 _TOLERANCE = 0.006
 
 
 def problems_of(
     roll: PianoRoll, hands: Sequence[HandPlan], scene: PianoScene
 ) -> tuple[Problem, ...]:
-    """Return the notes that are not played as written, in order of time, one problem for each."""
+    """Find the notes that are not played as written, in order of time, one problem for each."""
     found = unheld(roll)
     told = {(problem.pitch, problem.time) for problem in found}
     of_hands = [
@@ -32,7 +32,7 @@ def problems_of(
 
 
 def _unplayed(plan: HandPlan, timestep: float, moving: slice) -> list[Problem]:
-    """Return the notes of a hand whose keys are rigid, then others that no finger reaches."""
+    """Find a hand's notes on rigid keys, then other notes that no finger reaches."""
     rigid, unreached = [], []
     frames, side = plan.task.frames, plan.task.hand.kinematics.hand
     tips = plan.task.hand.kinematics.fingertips(plan.weightless)

@@ -1,11 +1,11 @@
-"""Refinement of a plan: it is played in a simulation, and what goes wrong is tried otherwise.
+"""Refinement of a plan: a search in simulation for better motions where errors occur.
 
-Collisions, friction and the keys' own dynamics are in no plan, but the simulator knows them. A pass
-plays the piece from its beginning to its end. Wherever a key would sound wrong within the next
-control steps, many ways on from there are simulated, and the best one is taken up; elsewhere the
-hands go on as before. The simulator is deterministic, so that commands which were right in
-simulation are right in an environment of the same physics. The first pass begins with the better
-parts of two plans, in one of which leaps take less time: how little is enough, no plan knows.
+Plans have no model of collisions, friction and the keys' dynamics, but the simulator has. A pass
+plays the piece from beginning to end. If a key would sound wrong within the next control steps,
+many continuations are simulated and the best one is followed. Otherwise the hands follow the plan.
+The simulator is deterministic, so commands that work in simulation also work in an environment with
+the same physics. The first pass starts with the better parts of two plans, one of which has shorter
+leaps: only a simulation shows which length is enough.
 """
 
 from __future__ import annotations
@@ -29,41 +29,41 @@ from sb3_piano.planning.splicing import spliced
 from sb3_piano.simulation import PianoScene
 
 _HORIZON = 8
-"""Control steps that are simulated on from each place."""
+"""Simulated control steps of each continuation."""
 _TAKEN = 4
-"""Of these, so many are played before the next search."""
+"""Number of these that are played before the next search."""
 _CANDIDATES = 12
-"""Ways on that are simulated in each round of a search."""
+"""Continuations simulated in each round of a search."""
 _ROUNDS = 3
 """Rounds of each search in the first pass; each further pass has one more."""
 _FINALISTS = 3
-"""Of the ways on that were found, so many are simulated further."""
+"""Number of the best continuations that are simulated further."""
 _LONG_RUN = 24
-"""Control steps over which these are compared with going on as before."""
+"""Control steps over which these are compared with the unchanged motion."""
 _HURRY = 1
-"""Control steps by which leaps are faster in the second plan, where fingers spread as they can."""
+"""Control steps by which leaps are shorter in the second plan, with the fingers' full span."""
 
 OnStep = Callable[[int, int, float], object]
-"""Is told control steps that are over in a pass, of how many, and the best F1 so far."""
+"""Callback with the finished control steps of a pass, their total, and the best F1 so far."""
 
 
 class _Played(NamedTuple):
-    """A plan as it was played in simulation."""
+    """Result of a plan in simulation."""
 
     way: Way
-    """What was told in the T control steps, and where the actuators were before each."""
+    """Commands of the T control steps, and actuator positions before each."""
     end: FloatArray
-    """(n,) where they were after the last one."""
+    """(n,) actuator positions after the last step."""
     f1: float
-    """How it sounded."""
+    """F1 of the performance."""
     cost: FloatArray
-    """(T, h) what it cost in each control step how each hand's keys sounded."""
+    """(T, h) cost of each hand's keys in each control step."""
 
 
 class Refinement:
-    """Improves a plan, pass after pass; the best one so far is kept.
+    """Improve a plan, pass after pass, and keep the best one so far.
 
-    The same plan, seed and number of passes give the same result, whatever the number of threads.
+    The same plan, seed and number of passes give the same result for any number of threads.
     """
 
     def __init__(
@@ -80,8 +80,8 @@ class Refinement:
         Args:
             plan: The plan.
             scene: The piano and the hands, with the physics in which it will be played.
-            settings: Those that the plan was made with.
-            seed: Of what is tried, 0 or more.
+            settings: The settings of the plan.
+            seed: Seed of the search, 0 or more.
             n_threads: Threads that simulate; by default one for each usable core.
         """
         self.plan = plan
@@ -109,17 +109,17 @@ class Refinement:
         on_pass: Callable[[], object] = lambda: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Play pass after pass, until one of the limits is reached or nothing sounds wrong.
+        """Run passes until a limit is reached or no key sounds wrong.
 
-        When the time is over, or ``should_stop`` says so, the rest of the piece is played without
-        searching, which takes seconds, and the best plan so far is kept.
+        When the time is over, or ``should_stop`` returns true, the rest of the piece is played
+        without searching, which takes seconds, and the best plan so far is kept.
 
         Args:
-            minutes: For how long, min of the clock.
-            passes: How often.
-            on_step: Is told how far a pass is.
-            on_pass: Is called after each pass.
-            should_stop: Whether to end soon; asked every few control steps.
+            minutes: Wall-clock time, min.
+            passes: Number of passes.
+            on_step: Called with the progress of a pass.
+            on_pass: Called after each pass.
+            should_stop: Whether to end soon; called every few control steps.
         """
         end = None if minutes is None else time.monotonic() + 60 * minutes
         last = None if passes is None else self.plan.passes + passes
@@ -144,7 +144,7 @@ class Refinement:
         self._roll_outs.close()
 
     def _hurried(self) -> Plan:
-        """Return another plan of the piece, with faster leaps."""
+        """Make another plan of the piece, with shorter leaps."""
         hurry = self._settings.hurry + _HURRY
         settings = replace(self._settings, hurry=hurry, stretch=1.0, passes=0)
         return make_plan(self.plan.roll, self._scene, settings)
@@ -161,9 +161,9 @@ class Refinement:
         on_step: OnStep,
         should_stop: Callable[[], bool],
     ) -> _Played:
-        """Play, and search where something is wrong, until told to stop."""
+        """Play the piece, and search at errors until ``should_stop``."""
         total = len(self.plan)
-        # What is found is followed from there on, so that each search begins with the last one's.
+        # Results are written into `followed`, so that each search begins with the last one's.
         parts: list[RollOut] = []
         state, step, sounding = self._roll_outs.start(), 0, self._rating.silence
         while step < total:
@@ -186,7 +186,7 @@ class Refinement:
         return _Played(way, parts[-1].end, self._rating.f1(angles), self._rating.each_step(angles))
 
     def _followed(self) -> Way:
-        """Return what the next pass follows: of each hand the better parts of two passes."""
+        """Make the motion that the next pass follows: each hand's better parts of two passes."""
         if self._other is None:
             return Way(*(array.copy() for array in self._best.way))
         return spliced(
@@ -196,10 +196,10 @@ class Refinement:
         )
 
     def _search(self, place: _Place, random: np.random.Generator) -> Way:
-        """Return the best way on that was found from a place.
+        """Search the best continuation from a place.
 
-        Each round varies the best one so far. The hands hardly touch: the best that one of them did
-        in any variation is joined with the best of the other, and tried in the next round.
+        Each round varies the best one so far. As the hands hardly touch, the best variation of one
+        hand is joined with the best of the other, and tried in the next round.
         """
         centre = self._variations.none()
         steps = min(_HORIZON, len(self.plan) - place.step)
@@ -215,7 +215,7 @@ class Refinement:
             tried += self._variations.drawn(centre, count, random)
             found = self._varied(place, tried, steps)
             if number > 0:
-                of_hand = found.cost[0]  # of what was joined, now that it is known together
+                of_hand = found.cost[0]  # of the joined variation, now simulated
             leader = int(np.argmin(found.cost.sum(axis=1)))
             finalists.append((float(found.cost[leader].sum()), found.ways[leader]))
             for hand, cost in enumerate(found.cost.T):
@@ -225,7 +225,7 @@ class Refinement:
         return self._final(place, finalists)
 
     def _final(self, place: _Place, finalists: list[tuple[float, Way]]) -> Way:
-        """Return which of some ways on is the best in the long run; the first one may stay."""
+        """Choose the best of some continuations in a longer simulation, or keep the first."""
         stay, *others = finalists
         best = [way for cost, way in sorted(others, key=lambda one: one[0]) if cost < stay[0]]
         if not best:
@@ -237,14 +237,14 @@ class Refinement:
         return ways[int(np.argmin(self._tried(place, longer).cost.sum(axis=1)))]
 
     def _varied(self, place: _Place, variations: list[Variation], steps: int) -> _Tried:
-        """Simulate variations of what is followed from a place on, and rate them."""
+        """Simulate and rate variations of the followed motion from a place on."""
         make = self._variations.way
         return self._tried(
             place, [make(place.followed, place.step, steps, one) for one in variations]
         )
 
     def _tried(self, place: _Place, ways: list[Way]) -> _Tried:
-        """Simulate ways on from a place, and rate them."""
+        """Simulate and rate continuations from a place."""
         rolled = self._roll_outs.run(place.state, place.step, ways)
         angles = np.stack([one.angles for one in rolled])
         ends = np.stack([one.end for one in rolled])
@@ -254,31 +254,31 @@ class Refinement:
 
 
 class _Place(NamedTuple):
-    """A moment of a pass."""
+    """State in a pass."""
 
     state: FloatArray
     """MuJoCo's integration state."""
     step: int
-    """The control step that is to be played."""
+    """Next control step."""
     sounding: BoolArray
     """(88,) keys that sound."""
     followed: Way
-    """What is followed in all T control steps."""
+    """Motion to follow in all T control steps."""
 
 
 class _Tried(NamedTuple):
-    """Ways on from a place that were simulated."""
+    """Results of m simulated continuations."""
 
     ways: list[Way]
-    """As they came out."""
+    """The simulated motions."""
     cost: FloatArray
-    """(m, h) what each hand did in each of them."""
+    """(m, h) cost of each hand in each of them."""
     mistakes: IntArray
-    """(m,) how many keys sounded wrong, over all control steps."""
+    """(m,) number of wrong keys, over all control steps."""
 
 
 def _as_played(plan: Plan, played: _Played) -> Plan:
-    """Return a plan whose motion is the one that came out, one pass later."""
+    """Replace a plan's motion by the simulated one, and count a pass."""
     positions = np.concatenate([played.way.positions, played.end[None]])
     n_hands = len(plan.hands)
     parts = zip(

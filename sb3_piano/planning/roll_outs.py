@@ -1,4 +1,4 @@
-"""Control steps of a plan in simulation, from any state, as the planned pianist plays them."""
+"""Roll-outs of a plan in simulation, from any state, exactly as the planned pianist plays."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from sb3_piano.threads import ThreadTeam, usable_cores
 
 
 class Way(NamedTuple):
-    """What a roll-out of s control steps follows; n are the scene's actuators, rad or m."""
+    """Motion that a roll-out of s control steps follows, with n actuators, rad or m."""
 
     commands: FloatArray
-    """(s, n) what the actuators are told where the hands are as planned."""
+    """(s, n) commands at the planned positions, without corrections."""
     positions: FloatArray
-    """(s, n) where they should be before each control step."""
+    """(s, n) planned positions before each control step."""
 
     def cut(self, steps: slice) -> Way:
-        """Return what is followed in some of the control steps."""
+        """Return the part of some control steps."""
         return Way(self.commands[steps], self.positions[steps])
 
 
@@ -33,9 +33,9 @@ class RollOut(NamedTuple):
     state: FloatArray
     """MuJoCo's integration state at the end."""
     way: Way
-    """What was told, within the control ranges, and where the actuators were before each step."""
+    """Commands, within the control ranges, and actuator positions before each step."""
     end: FloatArray
-    """(n,) where the actuators are at the end, rad or m."""
+    """(n,) actuator positions at the end, rad or m."""
     angles: FloatArray
     """(s, 88) angle of each key after each control step, rad."""
     stable: bool
@@ -43,10 +43,10 @@ class RollOut(NamedTuple):
 
 
 class RollOuts:
-    """Plays ways in simulations of a scene, many at once.
+    """Parallel simulations of motions in a scene.
 
-    Everything is rounded as between the environment and a pianist that reads its observations: told
-    what was told here, the hands do in an environment the same, to the bit.
+    All numbers are rounded as between the environment and a player that reads its observations. The
+    same commands in an environment give the same motion, to the bit.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class RollOuts:
         Args:
             scene: The piano and the hands.
             n_substeps: Physics steps of a control step.
-            correction: Of commands where the hands are elsewhere than in what is followed.
+            correction: Feedback on deviations from the followed motion.
             n_threads: Threads that simulate, the calling one included; by default one for each
                 usable core.
         """
@@ -76,14 +76,14 @@ class RollOuts:
         self._half_range = (scene.ctrl_high - scene.ctrl_low) / 2
 
     def start(self) -> FloatArray:
-        """Return the state in which an episode begins."""
+        """Return the initial state of an episode."""
         data = mujoco.MjData(self._scene.model)
         state = np.empty(self._simulations[0].state_size)
         mujoco.mj_getState(self._scene.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         return state
 
     def run(self, state: FloatArray, step: int, ways: Sequence[Way]) -> list[RollOut]:
-        """Play some ways from one state on, which is that before control step ``step``."""
+        """Simulate motions from one state, that before control step ``step``."""
         results: list[RollOut | None] = [None] * len(ways)
         n_threads = self._team.n_threads
 
@@ -116,11 +116,11 @@ class RollOuts:
         return RollOut(simulation.get_state(), Way(told, been), end, angles, stable)
 
     def _positions(self, data: mujoco.MjData) -> FloatArray:
-        """Return where the actuators are, from joints as they are observed: of 32-bit floats."""
+        """Compute actuator positions from joints rounded as in observations, to 32-bit floats."""
         joints = data.qpos[self._joints].astype(np.float32).astype(float)
         return self._correction.positions(joints)
 
     def _rounded(self, told: FloatArray) -> FloatArray:
-        """Return commands as they come out of an action, which is of 32-bit floats."""
+        """Round commands as in an action, to 32-bit floats."""
         action = ((told - self._middle) / self._half_range).astype(np.float32).astype(float)
         return np.asarray(self._middle + self._half_range * np.clip(action, -1.0, 1.0))

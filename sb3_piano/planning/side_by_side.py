@@ -1,4 +1,4 @@
-"""Computations that go on side by side and tell each other something from time to time."""
+"""Parallel computations in lock step that exchange messages."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ P = TypeVar("P")
 R = TypeVar("R")
 
 Talk = Generator[M, tuple[M, ...], R]
-"""A computation that yields a message, is sent those of all that go on beside it (its own, too),
-in their order, and so on; in the end it returns a result. All of them yield equally often."""
+"""Generator that yields a message, receives the messages of all generators (its own, too) in order,
+and so on; finally it returns a result. All generators yield equally often."""
 
 
 def in_turns(start: Callable[[P], Talk[M, R]], parts: Sequence[P]) -> list[R]:
-    """Return the results of what starts with each of some parts."""
+    """Run several generators in lock step; each receives the messages of all."""
     talks = [start(part) for part in parts]
     told: tuple[M, ...] | None = None
     while True:
@@ -40,9 +40,9 @@ def in_turns(start: Callable[[P], Talk[M, R]], parts: Sequence[P]) -> list[R]:
 
 
 def in_two_processes(start: Callable[[P], Talk[M, R]], one: P, other: P) -> list[R]:
-    """Return the same results of two parts, the second of which is done in a process of its own.
+    """Run two generators in lock step, the second one in another process.
 
-    If that process is killed, all is done in this one.
+    If that process is killed, both run in this process.
     """
     context = process_context()
     ours, theirs = context.Pipe()
@@ -60,10 +60,10 @@ def in_two_processes(start: Callable[[P], Talk[M, R]], one: P, other: P) -> list
 
 
 def may_start_processes() -> bool:
-    """Return whether there is a core for another process, and starting one disturbs nobody.
+    """Check whether another process has a core and can be started without side effects.
 
-    Each process imports the main module again. A module that runs with ``-m`` and an installed
-    command can bear that; a script may lack its guard (``if __name__ == "__main__":``), and would
+    Each process imports the main module again. This is safe for modules that run with ``-m`` and
+    for installed commands. A script may lack its guard (``if __name__ == "__main__":``), and would
     do its work twice.
     """
     main = sys.modules["__main__"]
@@ -73,14 +73,14 @@ def may_start_processes() -> bool:
 
 
 def _do_other(connection: Connection, start: Callable[[P], Talk[Any, Any]], part: P) -> None:
-    """Do the second part in its process, until the first one's is gone."""
+    """Run the second generator in its process, until the first one's process has ended."""
     leave_to_parent()
     with contextlib.suppress(EOFError, OSError):
         connection.send(_beside(start(part), connection, is_first=False))
 
 
 def _beside(talk: Talk[M, R], connection: Connection, *, is_first: bool) -> R:
-    """Return the result of a part whose messages and the other's go through a connection."""
+    """Run a generator that exchanges messages with the other one through a connection."""
     told: tuple[M, ...] | None = None
     while True:
         try:
@@ -88,7 +88,7 @@ def _beside(talk: Talk[M, R], connection: Connection, *, is_first: bool) -> R:
         except StopIteration as end:
             result: R = end.value
             return result
-        if is_first:  # one speaks while the other listens, however long a message is
+        if is_first:  # one sends while the other receives, so that long messages cannot block
             connection.send(message)
             told = (message, connection.recv())
         else:

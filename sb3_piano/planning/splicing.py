@@ -1,4 +1,4 @@
-"""The better parts of two ways to play a piece, put together."""
+"""Splicing of the better parts of two motions through a piece."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.planning.roll_outs import Way
 
 _CHANGE = 2.0
-"""Cost of changing from one way to the other, times the mean square of the distance there."""
+"""Cost of changing from one motion to the other, per mean square of their distance there."""
 
 
 def spliced(
     ways: tuple[Way, Way], cost: tuple[FloatArray, FloatArray], deviation: FloatArray
 ) -> Way:
-    """Return a way of which each part is one of two ways', whichever cost less.
+    """Splice two motions, hand by hand, from their parts of least cost.
 
-    Each hand changes from one to the other where they are near, by dynamic programming over the
-    control steps. Where it changes it has to catch up, so that what comes out is to be tried.
+    Each hand changes from one motion to the other where they are near, by dynamic programming over
+    the control steps. After a change it has to catch up, so the result must be simulated.
 
     Args:
-        ways: The two, of T control steps and n actuators.
-        cost: (T, h) what each of h hands cost in each control step, for each way.
+        ways: The two motions, of T control steps and n actuators.
+        cost: (T, h) cost of each of h hands in each control step, for each motion.
         deviation: (n,) unit of distances for each actuator, rad or m.
     """
     n_hands = cost[0].shape[1]
@@ -45,9 +45,9 @@ def spliced(
 
 
 def _cheapest(cost: FloatArray, change: FloatArray) -> IntArray:
-    """Return which of two ways to take in each step, (T,), 0 or 1.
+    """Choose one of two motions for each step, (T,), 0 or 1.
 
-    ``cost`` is (T, 2); ``change``, (T,), is what it costs to change before each step.
+    ``cost`` is (T, 2); ``change``, (T,), is the cost of a change before each step.
     """
     least = np.zeros_like(cost)
     came = np.zeros(cost.shape, dtype=int)

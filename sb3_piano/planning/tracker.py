@@ -1,4 +1,4 @@
-"""Follow a plan: its commands, corrected by where the hands are."""
+"""Tracker of a plan: its commands with feedback on the hands' positions."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from sb3_piano.simulation import PianoScene
 if TYPE_CHECKING:
     from sb3_piano.planning.plan import Plan
 
-# Less than this, rad or m, is the rounding of an observation, after which a motion that was found
-# in simulation would not come out again: playing is chaotic.
+# Smaller deviations, rad or m, are rounding errors of observations. Feedback on them would change a
+# motion found in simulation, as playing is chaotic.
 _ROUNDING = 1e-5
 
 
@@ -28,15 +28,15 @@ class Tracker:
         self._correction = Correction(plan.hands, feedback, lift)
 
     def positions(self, joints: npt.ArrayLike) -> FloatArray:
-        """Return where the actuators are as :meth:`controls` takes it (:class:`Correction`)."""
+        """Compute the actuator positions for :meth:`controls` (see :class:`Correction`)."""
         return self._correction.positions(np.asarray(joints, dtype=float))
 
     def controls(self, step: int, positions: npt.ArrayLike) -> FloatArray:
-        """Return what to tell the actuators.
+        """Compute the commands of the actuators.
 
         Args:
-            step: The control step that is to be played; after the last one it is the last.
-            positions: (n,) where they are now, or (N, n) for N scenes at once; rad or m.
+            step: The next control step; steps after the end count as the last one.
+            positions: (n,) present positions, or (N, n) for N scenes at once; rad or m.
 
         Returns:
             Commands of the same shape, within the control ranges.

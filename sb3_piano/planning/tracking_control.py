@@ -1,10 +1,10 @@
-"""Commands that take a hand along its plan, inertia and pressed keys included.
+"""Tracking control of a hand along its plan, with inertia and the forces of pressed keys.
 
-The hand's way was planned as if it had no inertia. Here the same costs are minimised over its
-commands, with the linear dynamics as what binds the states: a linear-quadratic problem for each
+The hand's trajectory was planned without inertia. Here the same costs are minimised over its
+commands, with linear dynamics as the constraint between states: a linear-quadratic problem for each
 Gauss-Newton model of the costs, solved by a backward Riccati pass (iterative LQR; Li and Todorov
-2004). What comes out is a motion that the hand can make, the commands for it, which know what is
-to come, and the feedback that is optimal around it.
+2004). The result is a feasible motion, its commands, which anticipate later states, and the optimal
+feedback around it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.simulation import PianoScene
 
-# Small weights that keep the problem well posed: what counts deviation from the first plan, speed,
-# and being outside the control range. The sliders' are those of metres, not of rad.
+# Small weights that keep the problem well posed: of deviations from the first plan, of speeds, and
+# of positions outside the control range. Those of the sliders are per metre, not per rad.
 _FAITH, _FAITH_ARM = 0.01, 1.0
 _SPEED, _SPEED_ARM = 1e-4, 1e-2
 _OUTSIDE, _OUTSIDE_ARM = 0.1, 10.0
@@ -31,7 +31,7 @@ _STEPS = (1.0, 0.5, 0.25, 0.1)
 
 @dataclass(frozen=True, eq=False)
 class HandDynamics:
-    """``x' = A x + B u + E w`` over a control step.
+    """Linear dynamics of a hand over a control step: ``x' = A x + B u + E w``.
 
     x are the positions and velocities of the hand's n actuators, u their commands, w generalised
     forces on them.
@@ -44,7 +44,7 @@ class HandDynamics:
     force: FloatArray
     """E, (2 n, n)."""
     weight: FloatArray
-    """(n,) the constant force of the hand's weight; 0 where it is compensated."""
+    """(n,) constant force of the hand's weight; 0 if compensated."""
 
     @classmethod
     def of(
@@ -56,9 +56,9 @@ class HandDynamics:
     ) -> HandDynamics:
         """Linearise a hand around a posture.
 
-        The simulator's step is repeated as it is: semi-implicit Euler with implicit damping.
-        Friction of joints and all contacts are left out. ``posture`` are (n,) actuator positions; a
-        control step has so many physics steps.
+        The integration is the simulator's: semi-implicit Euler with implicit damping, without joint
+        friction and contacts. ``posture`` are (n,) actuator positions; a control step has
+        ``n_substeps`` physics steps.
         """
         model = scene.model
         data = mujoco.MjData(model)
@@ -83,7 +83,7 @@ def _discretise(
     timestep: float,
     n_substeps: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return A and E over some physics steps during which the force is constant."""
+    """Compute A and E over some physics steps with constant force."""
     size = len(inertia)
     inverse = np.linalg.inv(inertia + timestep * damping)
     by_velocity = inverse @ inertia
@@ -105,21 +105,21 @@ def _discretise(
 
 @dataclass(frozen=True, eq=False)
 class HandControl:
-    """A hand's motion over t control steps."""
+    """Motion of a hand over t control steps, with its feedback."""
 
     states: FloatArray
     """(t, 2 n) positions and velocities after each control step."""
     commands: FloatArray
-    """(t, n) what the actuators are told."""
+    """(t, n) commands of the actuators."""
     gains: FloatArray
-    """(t, n, n) by how much a command changes with positions before the step that differ."""
+    """(t, n, n) feedback gains of the commands on positions before the step."""
 
 
 class TrackingControl:
-    """The linear-quadratic problem of one hand over a stretch.
+    """Linear-quadratic tracking problem of one hand over a stretch.
 
-    ``plan`` are (t, n) positions that were planned without inertia, ``forces`` (t, n) those of keys
-    that are held, ``start`` (2 n,) positions and velocities before the stretch.
+    ``plan`` are (t, n) positions planned without inertia, ``forces`` (t, n) those of held keys,
+    ``start`` (2 n,) positions and velocities before the stretch.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class TrackingControl:
         self._iterations = iterations
 
     def solve(self) -> HandControl:
-        """Return the best motion that was found."""
+        """Find the best motion by iterative LQR."""
         commands = self._plan.copy()
         states = self._roll_out(commands)
         total = self._total(states, commands)
@@ -187,9 +187,9 @@ class TrackingControl:
         return np.asarray(commands - np.clip(commands, low, high))
 
     def _backward(self, states: FloatArray, commands: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return by how much each command changes with its state, (t, n, 2 n), and alone."""
+        """Compute the gains of the commands on the states, (t, n, 2 n), and shifts, (t, n)."""
         size, count = self._size, len(states)
-        # (2 n, 3 n) the state after a step, by the one before it and by the commands.
+        # (2 n, 3 n) derivatives of the state after a step by the one before and by the commands.
         onwards = np.hstack([self._dynamics.transition, self._dynamics.control])
         blocks, slopes = self._cost.quadratic(states[:, :size])
         slopes += self._faith * (states[:, :size] - self._plan)
@@ -209,7 +209,7 @@ class TrackingControl:
             value[here + size, here + size] += self._speed
             slope[:size] += slopes[step]
             slope[size:] += self._speed * states[step, size:]
-            # The cost from here on, by the state before the step and by its commands.
+            # Quadratic cost-to-go of the state before the step and its commands.
             both = onwards.T @ value @ onwards
             alone = onwards.T @ slope
             across = both[2 * size :, : 2 * size]

@@ -1,4 +1,4 @@
-"""Predictive sampling: model-predictive control by trying changes in simulation."""
+"""Predictive sampling: model-predictive control by random search in simulation."""
 
 from sb3_piano.planning.sampling.cost import COST_FROM_ZERO, SamplingCost
 from sb3_piano.planning.sampling.noise import NOISE_FROM_ZERO, SamplingNoise

@@ -1,4 +1,4 @@
-"""Random changes of what the actuators are told, over a horizon of control steps."""
+"""Random changes of the actuators' controls over a horizon of control steps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sb3_piano.simulation.scene import FOREARM_TRAVEL
 
 @settings
 class SamplingNoise:
-    """Random differences of candidates from the best of the last control step.
+    """Settings of the candidates' random differences from the last control step's best one.
 
     The defaults are for sampling around a plan.
 
@@ -24,18 +24,18 @@ class SamplingNoise:
     """
 
     share: Annotated[Number, Gt(0), Le(1)] = 0.4
-    """Of the actuators, which a candidate changes; above 0, at most 1."""
+    """Share of the actuators that a candidate changes; above 0, at most 1."""
     knots: Count = 2
-    """Points of the horizon at which noise is drawn, the first and the last step included; it is
+    """Points of the horizon at which noise is drawn, including the first and the last step; it is
     linear between them. 1 (constant noise) or more."""
     finger: NotNegative = 0.12
-    """Standard deviation at a knot, rad, of the fingers' actuators."""
+    """Standard deviation of the fingers' actuators at a knot, rad."""
     wrist: NotNegative = 0.04
-    """That of the wrists' actuators, rad."""
+    """Standard deviation of the wrists' actuators, rad."""
     forearm: NotNegative = 0.008
-    """That of the sliders on which the forearms stand, m; for each rad of their turns 0.4 m."""
+    """Standard deviation of the forearms' sliders, m; 0.4 m correspond to 1 rad of their turns."""
     decay: Share = 0.9
-    """Share of the last control step's best change that is kept for the next one, in [0, 1]."""
+    """Share of the last control step's best change to keep for the next one, in [0, 1]."""
 
 
 NOISE_FROM_ZERO = SamplingNoise(knots=3, finger=0.3, wrist=0.15, forearm=0.04, decay=1.0)
@@ -43,13 +43,13 @@ NOISE_FROM_ZERO = SamplingNoise(knots=3, finger=0.3, wrist=0.15, forearm=0.04, d
 
 
 class Candidates:
-    """Draws changes as splines: values at a few knots, straight lines between them."""
+    """Random changes as linear splines, with values at a few knots."""
 
     def __init__(self, noise: SamplingNoise, scene: PianoScene, horizon: int):
-        """Choose the standard deviation of each actuator, over one control step or more."""
+        """Set the standard deviation of each actuator, over one control step or more."""
         self._noise = noise
         of_kind = {"finger": noise.finger, "wrist": noise.wrist, "forearm": noise.forearm}
-        of_kind["elbow"] = noise.forearm / FOREARM_TRAVEL  # as far as the slider takes a fingertip
+        of_kind["elbow"] = noise.forearm / FOREARM_TRAVEL  # as far for a fingertip as the slider
         self.deviation = np.array([of_kind[str(kind)] for kind in scene.actuator_kind])
         """(nu,) standard deviation of each actuator's noise at a knot, rad or m."""
         n_knots = min(noise.knots, horizon)
@@ -62,22 +62,22 @@ class Candidates:
         return np.zeros((len(self._times), len(self.deviation)))
 
     def shifted(self, knots: FloatArray) -> FloatArray:
-        """Return the knots of a change as it continues a control step later, (k, nu)."""
+        """Compute the knots of a change shifted by one control step, (k, nu)."""
         return np.asarray(self._noise.decay * (self._later @ knots))
 
     def draw(self, count: int, random: np.random.Generator) -> FloatArray:
-        """Return the knots of random changes, (count, k, nu)."""
+        """Draw the knots of random changes, (count, k, nu)."""
         shape = (count, len(self._times), len(self.deviation))
         drawn = random.standard_normal(shape) * self.deviation
         chosen = random.random((count, 1, len(self.deviation))) < self._noise.share
         return np.asarray(drawn * chosen)
 
     def over_horizon(self, knots: FloatArray) -> FloatArray:
-        """Return changes, given as knots (n, k, nu), at each control step: (n, horizon, nu)."""
+        """Interpolate changes with knots (n, k, nu) at each control step: (n, horizon, nu)."""
         return np.asarray(self._weights @ knots)
 
 
 def _spline(at: FloatArray | IntArray, times: FloatArray) -> FloatArray:
-    """Return the weights of the knots at some times, (n, k); the last knot holds on."""
+    """Compute the weights of the knots at some times, (n, k), constant after the last knot."""
     unit = np.eye(len(times))
     return np.stack([np.interp(at, times, row) for row in unit], axis=1)

@@ -1,4 +1,4 @@
-"""How each hand did in simulated ways on, and how a piece sounded."""
+"""Ratings of each hand in simulated continuations, and of a whole performance."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from sb3_piano.simulation.scene import SIDES
 
 _COST = SamplingCost(discount=0.95)
 _STRUCK = 0.5
-"""Cost of a strike where no note begins, and of a note that does not sound in its first step."""
+"""Cost of a strike at which no note begins, and of a note that is silent in its first step."""
 
 
 class HandRating:
-    """Rates what the keys do in simulations of a plan, for each hand apart.
+    """Rating of the keys in simulations of a plan, separately for each hand.
 
-    A key is the hand's whose finger has its note, or else the hand's whose fingertips are nearer in
-    the plan. The cost of keys is that of :class:`SamplingCost` in each control step, over half the
-    number of keys that are due and one more: as in F1, a key weighs less beside others.
+    A key belongs to the hand whose finger has its note, or else to the hand with the nearer
+    fingertips in the plan. The cost of keys in a control step is that of :class:`SamplingCost`,
+    divided by half of the number of due keys plus one: as in F1, a key weighs less beside others.
     """
 
     def __init__(self, plan: Plan, scene: PianoScene, deviation: FloatArray) -> None:
-        """Find out whose the keys are.
+        """Assign the keys to the hands.
 
         Args:
             plan: The plan, T control steps.
@@ -46,30 +46,30 @@ class HandRating:
         self._planned = np.concatenate([hand.weightless for hand in plan.hands], axis=1)
         self._deviation = deviation
         self.silence = np.zeros(NUM_KEYS, dtype=bool)
-        """(88,) keys that sound when nothing does."""
+        """(88,) keys that sound in silence: none."""
 
     def sounding(self, angles: FloatArray) -> BoolArray:
-        """Return which keys sound at some angles, both (..., 88)."""
+        """Find the keys that sound at some angles, both (..., 88)."""
         return np.asarray(angles >= self._sounding_angle)
 
     def f1(self, angles: FloatArray) -> float:
-        """Return the F1 of a piece from the keys' angles after each control step, (T, 88) rad."""
+        """Compute the F1 of a piece from the keys' angles after each control step, (T, 88) rad."""
         return frame_f1(self._due, self.sounding(angles))
 
     def rate(
         self, step: int, sounding: BoolArray, angles: FloatArray, ends: FloatArray
     ) -> tuple[FloatArray, IntArray]:
-        """Rate m ways on from a moment.
+        """Rate m continuations of s control steps.
 
         Args:
-            step: The first control step of s.
+            step: The first control step.
             sounding: (88,) keys that sound before it.
             angles: (m, s, 88) angles of the keys after each control step, rad.
-            ends: (m, n) where the actuators are in the end, rad or m.
+            ends: (m, n) actuator positions at the end, rad or m.
 
         Returns:
-            (m, h) what each hand's part costs; (m,) how many keys sounded that should not, or did
-            not that should, over all control steps.
+            (m, h) cost of each hand; (m,) number of keys that sounded wrongly or were missing, over
+            all control steps.
         """
         count, steps = angles.shape[:2]
         cost, mistakes = np.zeros((count, self._n_hands)), np.zeros(count, dtype=int)
@@ -87,7 +87,7 @@ class HandRating:
         return cost, mistakes
 
     def each_step(self, angles: FloatArray) -> FloatArray:
-        """Return what each hand's keys cost in each control step of a piece, (T, h).
+        """Compute the cost of each hand's keys in each control step of a piece, (T, h).
 
         ``angles`` are those of the keys after each control step, (T, 88) rad.
         """
@@ -98,7 +98,7 @@ class HandRating:
         )
 
     def _of_keys(self, step: int, before: BoolArray, angles: FloatArray) -> FloatArray:
-        """Return what each hand's keys cost in a control step, (m, h)."""
+        """Compute the cost of each hand's keys in a control step, (m, h)."""
         keys = _COST.key_cost(self._due[step], angles, self._sounding_angle) * self._weight[step]
         sounds = self.sounding(angles)
         keys += _STRUCK * (sounds & ~before & ~self._in_time[step])
@@ -110,7 +110,7 @@ class HandRating:
 
 
 def _owners(plan: Plan, scene: PianoScene) -> IntArray:
-    """Return which of the plan's hands each key belongs to in each control step, (T, 88)."""
+    """Assign each key to one of the plan's hands in each control step, (T, 88)."""
     across = scene.key_boxes[0][:, 1]
     tips = plan.fingertips[1:, :, 1].reshape(len(plan), len(plan.hands), -1)
     away = np.stack(

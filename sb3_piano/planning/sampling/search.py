@@ -1,4 +1,4 @@
-"""The search of one control step: candidates are simulated, rated, and the best one is taken."""
+"""Search of one control step: simulate and rate candidates, and choose the best one."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class Ratings(NamedTuple):
     """Ratings of n candidates."""
 
     cost: FloatArray
-    """(n,) discounted sum of the cost of all control steps; infinite for candidates that were given
-    up, or whose physics became unstable."""
+    """(n,) discounted sum of the cost of all control steps; infinite for candidates that were
+    stopped early, or whose physics became unstable."""
     controls: FloatArray
-    """(n, nu) what the actuators are told in the first control step, rad or m."""
+    """(n, nu) controls of the first control step, rad or m."""
     mistakes: IntArray
-    """(n,) how many keys sound that should not, or do not that should, over all control steps."""
+    """(n,) number of keys that sound wrongly or are missing, over all control steps."""
 
 
 class CandidateSearch:
-    """Simulates changes of a nominal way of playing, and rates what comes of them."""
+    """Simulates and rates changes of nominal controls."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class CandidateSearch:
         candidates: Candidates,
         cost: SamplingCost,
     ):
-        """Put the parts together; without a tracker candidates change hands at rest."""
+        """Take the parts of the search; without a tracker candidates change hands at rest."""
         self._roll = roll
         self._simulations = simulations
         self._tracker = tracker
@@ -54,21 +54,20 @@ class CandidateSearch:
     def best(
         self, piano: PianoEnv, known: FloatArray, new: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the candidate that costs least; of equals, the first.
+        """Find the candidate of least cost; in a tie, the first.
 
-        The known ones go first. What the best of them costs is the most that a new one may cost
-        before it is given up: no cost is negative, so that none is lost which would have won. With
-        a plan the new ones are left out as long as the best known one makes no mistake: there is
-        nothing to be heard that they could do better.
+        Known candidates are simulated first. A new one is stopped once it costs more than the best
+        of them; as no cost is negative, it could not win any more. With a plan, new candidates are
+        skipped if the best known one makes no mistake, because they could not improve the sound.
 
         Args:
-            piano: The environment, from whose present state on they are simulated.
+            piano: The environment; the simulations start in its present state.
             known: (m, k, nu) candidates that are likely to be good, at least one.
-            new: (n, k, nu) the others.
+            new: (n, k, nu) other candidates.
 
         Returns:
-            (k, nu) its change of the nominal controls, as knots, and (nu,) what the actuators are
-            told in the first control step, rad or m.
+            (k, nu) its change of the nominal controls, as knots, and (nu,) the controls of the
+            first control step, rad or m.
         """
         first = self.rate(piano, known)
         leader = int(np.argmin(first.cost))
@@ -84,9 +83,9 @@ class CandidateSearch:
         """Simulate candidates from the present state on, up to the horizon or the piece's end.
 
         Args:
-            piano: The environment; it is left as it is.
-            knots: (n, k, nu) the candidates; n at most the number of simulations.
-            bound: A candidate is given up as soon as it costs more than this.
+            piano: The environment; it is not changed.
+            knots: (n, k, nu) candidates; n is at most the number of simulations.
+            bound: Cost above which a candidate is stopped.
         """
         simulations, scene, now = self._simulations, self._simulations.scene, piano.steps_played
         changes = self._candidates.over_horizon(knots)
@@ -115,14 +114,14 @@ class CandidateSearch:
         return Ratings(cost, first, mistakes)
 
     def _nominal(self, step: int, which: IntArray) -> FloatArray:
-        """Return what m simulations are told without any change, (m, nu) rad or m."""
+        """Return the nominal controls of m simulations, (m, nu) rad or m."""
         if self._tracker is None:
             return np.broadcast_to(self._at_rest, (len(which), len(self._at_rest)))
         joints = self._simulations.joints(which)
         return self._tracker.controls(step, self._tracker.positions(joints))
 
     def _hands_cost(self, step: int, which: IntArray) -> FloatArray:
-        """Return what it costs where the hands of m simulations are after a control step, (m,)."""
+        """Compute the cost of the hands' positions after a control step in m simulations, (m,)."""
         if self._tracker is None:
             return self._finger_cost(step, which)
         planned = np.asarray(self._tracker.plan.positions[step + 1])
@@ -143,11 +142,11 @@ class CandidateSearch:
 
 
 class Simulations:
-    """n simulations of one environment, which take its state but never touch it.
+    """n simulations of one environment, which copy its state but never change it.
 
-    Each has its own ``MjData``, so that from step to step it keeps all that the solver starts from,
-    and is advanced exactly as the environment is. ``mujoco.rollout`` would lose that between two
-    control steps (it hands back positions and velocities only), and is no faster.
+    Each has its own ``MjData``, so it keeps the solver's warm start from step to step, and advances
+    exactly like the environment. ``mujoco.rollout`` would lose the warm start between two control
+    steps (it returns positions and velocities only), and is no faster.
     """
 
     def __init__(self, piano: PianoEnv, physics: str | None, n: int, n_threads: int | None):
@@ -157,14 +156,14 @@ class Simulations:
             piano: The environment.
             physics: Physics profile to simulate in; None for the environment's own model, with all
                 changes made to it.
-            n: How many.
-            n_threads: Threads to use; by default as many as there are cores, ``n`` at most.
+            n: Number of simulations.
+            n_threads: Threads to use; by default the number of cores, but at most ``n``.
 
         Raises:
-            ConfigError: If there is no such profile, or it does not fit the control step.
+            ConfigError: If the profile is unknown, or does not fit the control step.
         """
         self.source = piano.scene
-        """The scene of the environment for which these were built."""
+        """Scene of the environment."""
         config, self.scene = piano.config, piano.scene
         if physics is not None:
             config = dataclasses.replace(config, physics=physics)
@@ -172,11 +171,11 @@ class Simulations:
         self._simulations = [Simulation(self.scene, config.n_substeps) for _ in range(n)]
         self._datas = [simulation.data for simulation in self._simulations]
         team = ThreadTeam(n, n_threads)
-        # A slot is a thread here: which simulations it advances depends on how many are left.
+        # One slot per thread; the number of remaining simulations decides which ones it advances.
         self._team = ThreadTeam(team.n_threads, team.n_threads)
 
     def begin(self, piano: PianoEnv, n: int) -> None:
-        """Put the first n simulations into the environment's present state."""
+        """Copy the environment's present state to the first n simulations."""
         model, first = self.scene.model, self._datas[0]
         if model is piano.model:
             mujoco.mj_copyData(first, model, piano.data)
@@ -189,8 +188,8 @@ class Simulations:
         """Simulate a control step.
 
         Args:
-            which: The m simulations to be advanced; the others stay where they are.
-            controls: (m, nu) what the actuators of each are told.
+            which: The m simulations to advance; the others do not change.
+            controls: (m, nu) controls of each.
 
         Returns:
             (m,) bool, whether the physics of each remained stable.
@@ -218,5 +217,5 @@ class Simulations:
         return np.stack([self.scene.fingertip_position(self._datas[n]) for n in which])
 
     def press_points(self, which: IntArray, keys: IntArray) -> FloatArray:
-        """Return where k keys should be pressed, (m, k, 3) m."""
+        """Return the press points of k keys, (m, k, 3) m."""
         return np.stack([self.scene.press_point(self._datas[n], keys) for n in which])

@@ -1,4 +1,4 @@
-"""Variations of what the hands do over the next control steps."""
+"""Random variations of the hands' motion over the next control steps."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from sb3_piano.simulation import PianoScene
 
 _NOISE = SamplingNoise(knots=3)
 _SIZES = (0.4, 1.0, 2.0)
-"""What a variation's noise is multiplied with, one or the other."""
+"""Factors of a variation's noise, one of which is drawn."""
 _SHIFTED = 0.25
-"""Share of variations in which a hand does earlier or later what it does."""
+"""Share of variations with a shift of a hand's motion in time."""
 _SHIFT = 1.0
-"""Standard deviation of by how much, control steps."""
+"""Standard deviation of the shift, control steps."""
 _SHIFT_STEPS = 2
-"""Control steps in which it gets ahead by that much."""
+"""Control steps over which the shift builds up."""
 
 
 class Variation(NamedTuple):
-    """Difference from a way of two hands, or of one, that is followed."""
+    """Variation of the followed motion of one or two hands."""
 
     knots: FloatArray
-    """(k, n) what is added to the commands, as knots of :class:`Candidates`."""
+    """(k, n) changes of the commands, as knots of :class:`Candidates`."""
     shift: FloatArray
-    """(h,) by how many control steps each hand is ahead of time."""
+    """(h,) control steps by which each hand is ahead of time."""
 
 
 class Variations:
-    """Draws variations, and makes ways of them."""
+    """Draws variations, and applies them to motions."""
 
     def __init__(self, scene: PianoScene, horizon: int) -> None:
-        """Choose the noise of each actuator over some control steps."""
+        """Set the noise of each actuator over some control steps."""
         self._candidates = Candidates(_NOISE, scene, horizon)
         self._n_hands = len(scene.sides)
         self._size = len(self.deviation) // self._n_hands
@@ -46,11 +46,11 @@ class Variations:
         return self._candidates.deviation
 
     def none(self) -> Variation:
-        """Return no difference."""
+        """Return the variation that changes nothing."""
         return Variation(self._candidates.none(), np.zeros(self._n_hands))
 
     def drawn(self, centre: Variation, count: int, random: np.random.Generator) -> list[Variation]:
-        """Return random variations around one."""
+        """Draw random variations around one."""
         noise = self._candidates.draw(count, random)
         sizes = random.choice(_SIZES, size=count)
         shifts = _SHIFT * random.standard_normal((count, self._n_hands))
@@ -61,17 +61,17 @@ class Variations:
         ]
 
     def joined(self, one: Variation, hand: int, other: Variation) -> Variation:
-        """Return one variation in which a hand does what it does in another."""
+        """Replace the part of a hand in one variation by that in another."""
         knots, shift = one.knots.copy(), one.shift.copy()
         knots[:, self._of(hand)] = other.knots[:, self._of(hand)]
         shift[hand] = other.shift[hand]
         return Variation(knots, shift)
 
     def way(self, followed: Way, step: int, steps: int, variation: Variation) -> Way:
-        """Return what is to be followed in some control steps from ``step`` on."""
+        """Apply a variation to the followed motion in some control steps from ``step`` on."""
         changes = self._candidates.over_horizon(variation.knots[None])[0][:steps]
         commands, positions = (array[step : step + steps].copy() for array in followed)
-        # Positions are those before a control step, which is when nothing is shifted yet.
+        # Positions are those before a control step: the first one is not shifted yet.
         ramp = np.minimum(np.arange(steps + 1) / _SHIFT_STEPS, 1.0)
         for hand in np.flatnonzero(variation.shift).tolist():
             own, ahead = self._of(hand), step + np.arange(steps)
@@ -85,7 +85,7 @@ class Variations:
 
 
 def _at(rows: FloatArray, times: FloatArray) -> FloatArray:
-    """Return rows of an array, (T, n), at times that may lie between them or beyond."""
+    """Interpolate rows of an array, (T, n), at times that may lie between them or beyond."""
     times = np.clip(times, 0, len(rows) - 1)
     lower = np.minimum(times.astype(int), max(len(rows) - 2, 0))
     upper = np.minimum(lower + 1, len(rows) - 1)

@@ -1,11 +1,11 @@
 """The joints that a forearm may have: RoboPianist's numbers, and what follows from them."""
 
 import json
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from conftest import REFERENCE
 from hand_parts import data_at, hand_of, random_positions, scene_of
 
 from sb3_piano.envs import PianoEnv, PianoEnvConfig
@@ -15,7 +15,9 @@ from sb3_piano.hands import find_hand
 
 ALL = tuple(find_hand().forearm.joints.values())
 TURNING = ("forearm_tx", "forearm_ty", "forearm_yaw")
-NUMBERS = json.loads((REFERENCE / "forearms.json").read_text())
+NUMBERS = json.loads(
+    (Path(__file__).parents[1] / "data" / "reference" / "forearms.json").read_text()
+)
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ register_envs()
 
 
 def __getattr__(name: str) -> Any:
-    """Import a part of the package when it is first asked for, such as ``sb3_piano.envs``."""
+    """Import a part of the package, such as ``sb3_piano.envs``, on first access."""
     if name == "play":
         return importlib.import_module(f"{__name__}.training.playing.takes").play
     if name.startswith("_") or find_spec(f"{__name__}.{name}") is None:

@@ -1,4 +1,4 @@
-"""Arrays in files of NumPy, safetensors and HDF5, of which nothing is made that is too large."""
+"""Read arrays from NumPy, safetensors and HDF5 files, with a limit on their size."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ _ARRAY_SUFFIX = ".npy"
 _MOST_OF_HEADER = 2**20
 """Most bytes of the header of a safetensors file, which has some hundred for each tensor."""
 _MOST_PACKED = 100
-"""How many times the size of an HDF5 file its arrays may take, which can be compressed."""
+"""Largest ratio of the arrays' bytes to the size of an HDF5 file, which may be compressed."""
 _ITEM_BYTES = 2**12
-"""What each of them counts for at least, so that a group within itself comes to an end."""
+"""Least bytes that each item counts for, so that a group within itself comes to an end."""
 
 
 def read_arrays(
     path: str | os.PathLike[str], names: Iterable[str] | None = None, most: int = MOST_BYTES
 ) -> Arrays:
-    """Return arrays of a .npz file by name, all of them by default.
+    """Read arrays from a .npz file by name, all of them by default.
 
     Args:
         path: The file.
-        names: What is read of it.
-        most: Most bytes that the file has, and that the arrays take.
+        names: Names of the arrays to read.
+        most: Most bytes of the file, and of the arrays together.
 
     Raises:
         OSError: If it is no file or cannot be read.
-        ValueError: If it is damaged, lacks an array, or would take more.
+        ValueError: If it is damaged, lacks an array, or exceeds the limit.
     """
     content, left, arrays = io.BytesIO(read_file(path, most)), most, Arrays()
     try:
@@ -58,7 +58,7 @@ def read_arrays(
 
 
 def _array(content: bytes) -> npt.NDArray[Any]:
-    """Return the array in the bytes of a .npy file, whose header may claim anything."""
+    """Parse the bytes of a .npy file; its header may claim any shape."""
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     if version not in _HEADERS:
@@ -75,9 +75,9 @@ def _array(content: bytes) -> npt.NDArray[Any]:
 
 
 def in_order(content: bytes) -> bytes:
-    """Return a safetensors file with its metadata sorted, so that equal ones have equal bytes.
+    """Sort the metadata of a safetensors file, so that equal files have equal bytes.
 
-    The library writes them in another order each time.
+    The library writes the metadata in a different order each time.
     """
     start = 8 + int.from_bytes(content[:8], "little")
     header = json.loads(content[8:start])
@@ -88,11 +88,11 @@ def in_order(content: bytes) -> bytes:
 
 
 def read_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the tensors in a safetensors file, of which only the header is read.
+    """Read the shapes of the tensors in a safetensors file from its header alone.
 
     Raises:
         OSError: If it is no file or cannot be read.
-        ValueError: If it has no header of that kind.
+        ValueError: If its header is too large or damaged.
     """
     check_file(path)
     with open(path, "rb") as file:
@@ -108,12 +108,12 @@ def read_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
 
 
 def check_hdf5(path: str | os.PathLike[str]) -> int:
-    """Return how many groups an HDF5 file has, of which nothing leads out or takes too much.
+    """Count the groups of an HDF5 file; refuse external data and oversized arrays.
 
     Raises:
         OSError: If it is no file or cannot be read.
-        ValueError: If its arrays would take far more than its size, or stand in other files.
-        Exception: Whatever HDF5 raises at a damaged one.
+        ValueError: If its arrays would take far more than its size, or are stored in other files.
+        Exception: Any error of HDF5 for a damaged file.
     """
     import h5py
 

@@ -1,4 +1,4 @@
-"""Types of NumPy arrays, by their elements; shapes and units stand where the arrays do."""
+"""Type aliases of NumPy arrays by element type; shapes and units are documented at each use."""
 
 from __future__ import annotations
 

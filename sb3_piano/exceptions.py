@@ -12,30 +12,30 @@ import errno
 import re
 from collections.abc import Iterable, Iterator
 
-from sb3_piano.text import told
+from sb3_piano.text import shortened
 
 
 class SB3PianoError(Exception):
-    """Root of all errors raised on purpose by this package, whose message is one line."""
+    """Base of all errors that this package raises on purpose; the message is one line."""
 
     def __str__(self) -> str:
-        return told(super().__str__())
+        return shortened(super().__str__())
 
 
 class ScoreError(SB3PianoError, ValueError):
-    """A score, or a file that should hold one, is unusable."""
+    """A score is invalid, or a file cannot be read as one."""
 
 
 class ScoreWarning(UserWarning):
-    """A file was read as a score, but something in it was left out; the message says what."""
+    """A file was read as a score without some of its content; the message names it."""
 
 
 class PlanWarning(UserWarning):
-    """A piece has notes that cannot be played as they are written; the message says which."""
+    """A piece has notes that the hands cannot play as written; the message names them."""
 
 
 class UnknownPieceError(SB3PianoError, ValueError):
-    """There is no piece of this name, or it is still to be imported."""
+    """No piece has this name, or it is not imported yet."""
 
 
 class ConfigError(SB3PianoError, ValueError):
@@ -51,11 +51,11 @@ class InvalidActionError(SB3PianoError, ValueError):
 
 
 class EnvStateError(SB3PianoError, RuntimeError):
-    """The environment was asked for something its present state does not allow."""
+    """The environment cannot do this in its present state."""
 
 
 class SimulationDivergedError(SB3PianoError, RuntimeError):
-    """The physics became unstable and its state is no longer meaningful."""
+    """The physics became unstable, and its state has no meaning any more."""
 
 
 class RenderingError(SB3PianoError, RuntimeError):
@@ -80,13 +80,13 @@ def naming(place: str, kind: type[SB3PianoError] = ConfigError) -> Iterator[None
 
 
 def one_line(error: BaseException) -> str:
-    """Return what an error of another library says, for a message of ours: never empty."""
+    """Return another library's error message in one line, never empty."""
     said = str(error).partition("\nException raised from ")[0]  # torch's, a stack of C++
     return " ".join(said.split()) or type(error).__name__
 
 
 def install_command(extra: str = "") -> str:
-    """Return what installs this package, which is on no index, from a clone, with an extra."""
+    """Return the command that installs this package, with an extra, from a clone."""
     what = f"'.[{extra}]'" if extra else "."
     return f"pip install {what}  # in a clone of sb3-piano"
 
@@ -99,7 +99,7 @@ _NO_MEMORY = re.compile(
 
 
 def no_memory(error: BaseException | None) -> bool:
-    """Return whether a lack of memory is behind an error: libraries tell it in many ways."""
+    """Return whether an error or one of its causes is a lack of memory."""
     while error is not None:
         lacks = isinstance(error, OSError) and error.errno == errno.ENOMEM
         if lacks or isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):

@@ -1,4 +1,4 @@
-"""Files that are either wholly there or not there at all, and the tables of the package."""
+"""Atomic writing of files, reading with limits, and the package's own tables."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LZMA_MEMORY = 2**28
 
 
 class Place:
-    """A file or folder in the folder ``path`` of an object, as an attribute of that."""
+    """Descriptor for a file or folder with a fixed name inside ``self.path``."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -50,17 +50,17 @@ _REFUSALS = tuple(
 
 
 def disk_refusal(error: BaseException | None) -> str | None:
-    """Return what a disk said that is full or cannot be written to, if that is behind an error.
+    """Return the system's message if an error comes from a full or unwritable disk, else None.
 
-    Libraries hide it: torch raises a ``RuntimeError`` in its place. An error that this package
-    raises on purpose says enough, whatever is behind it.
+    Libraries hide the cause: torch raises a ``RuntimeError`` in its place. Errors that this package
+    raises on purpose are left alone, as their own message suffices.
     """
     refused = _refused(error)
     return None if refused is None or _is_of_reading(refused) else _said(refused)
 
 
 def reading_refusal(error: BaseException | None) -> str | None:
-    """Return what a disk said of a file or folder that may not be read, if that is behind it."""
+    """Return the system's message if an error comes from an unreadable path, else None."""
     refused = _refused(error)
     return _said(refused) if refused is not None and _is_of_reading(refused) else None
 
@@ -89,14 +89,14 @@ def _is_of_reading(error: OSError) -> bool:
 
 
 MOST_BYTES = 2**26
-"""Most bytes of a file that is read as a whole, unless its reader says otherwise."""
+"""Default limit of bytes of a file that is read as a whole."""
 
 
 def check_file(path: str | os.PathLike[str]) -> None:
-    """Refuse what is no regular file: a device or a pipe may never end.
+    """Refuse a path that is not a regular file: a device or a pipe may never end.
 
     Raises:
-        OSError: If it is none, or is not there; ``strerror`` says why.
+        OSError: If it is not a regular file, or does not exist; ``strerror`` says why.
     """
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
@@ -107,10 +107,10 @@ def check_file(path: str | os.PathLike[str]) -> None:
 
 
 def read_file(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
-    """Return the content of a regular file of at most ``most`` bytes.
+    """Read a regular file of at most ``most`` bytes.
 
     Raises:
-        OSError: If it is none, is larger or cannot be read; ``strerror`` says why.
+        OSError: If it is not regular, is larger or cannot be read; ``strerror`` says why.
     """
     check_file(path)
     with open(path, "rb") as file:
@@ -121,14 +121,14 @@ def read_file(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
 
 
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:
-    """Write a file so that its name always stands for a whole one, whoever else writes it.
+    """Write a file so that its name always refers to a complete file.
 
-    ``write`` is called with a neighbouring file, whose bytes reach the disk before it takes the
-    final name in one step, which reaches the disk before this returns. If that fails the
-    neighbouring file is deleted; that of a killed process is by the next one that writes there.
+    ``write`` gets a temporary file in the same folder. It is flushed to the disk, then renamed, and
+    the rename is flushed before this returns. If that fails, the temporary file is deleted. The
+    next process that writes there deletes the temporary files of killed processes.
 
-    A link goes on leading to the file, which is replaced. A device or a pipe cannot be, and is
-    written to.
+    Through a link, the file it leads to is replaced. A device or a pipe cannot be replaced, and is
+    written to directly.
 
     Raises:
         RunError: As of :func:`check_inside`.
@@ -150,7 +150,7 @@ def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> N
 
 
 def check_writable(path: Path) -> None:
-    """Try whether :func:`write_atomically` can write a file, which stays as it is.
+    """Check that :func:`write_atomically` can write a file, without changing it.
 
     Raises:
         RunError: As of :func:`check_inside`.
@@ -171,9 +171,9 @@ def check_writable(path: Path) -> None:
 
 
 def _takes_bytes(path: Path) -> bool:
-    """Return whether something is there that is neither a file nor a folder, such as a device.
+    """Return whether a path is neither a file nor a folder, such as a device.
 
-    Nor is it what a process has open, a file though it may be: ``/dev/stdout >> log``.
+    A file that a process has open counts as well: ``/dev/stdout >> log``.
     """
     place = os.path.realpath(path.parent)
     is_open = place == "/dev" or place.startswith("/proc/")
@@ -181,7 +181,7 @@ def _takes_bytes(path: Path) -> bool:
 
 
 def sync_folder(folder: Path) -> None:
-    """Let the names of a folder's files reach the disk, where a system can do that."""
+    """Flush the names of a folder's files to the disk, where the system supports it."""
     with contextlib.suppress(OSError):  # Windows opens no folders
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -191,44 +191,44 @@ def sync_folder(folder: Path) -> None:
 
 
 def load_yaml(text: str) -> Any:
-    """Return what YAML stands for."""
-    # By libyaml where it is there: a tenth of the time, of which every import would have its share.
+    """Parse YAML."""
+    # libyaml, where available, takes a tenth of the time, and every import parses YAML.
     return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def dump_yaml(content: Any, **style: Any) -> str:
-    """Return YAML that stands for it, keys in their order."""
+    """Serialise to YAML, with keys in their order."""
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     return str(yaml.dump(content, Dumper=dumper, sort_keys=False, **style))
 
 
 def read_table(path: Path) -> Any:
-    """Return the content of a YAML file that comes with the package."""
+    """Read a YAML file of the package."""
     return load_yaml(path.read_text("utf-8"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write bytes by :func:`write_atomically`."""
+    """Write bytes with :func:`write_atomically`."""
     write_atomically(path, lambda file: file.write(content))
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text by :func:`write_atomically`; what that cannot hold is escaped."""
+    """Write UTF-8 text with :func:`write_atomically`; characters it cannot encode are escaped."""
     write_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def write_yaml(path: Path, content: Mapping[str, Any]) -> None:
-    """Write YAML by :func:`write_atomically`."""
+    """Write YAML with :func:`write_atomically`."""
     write_text(path, dump_yaml(content))
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write indented JSON by :func:`write_atomically`."""
+    """Write indented JSON with :func:`write_atomically`."""
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
 def read_json(path: Path, kind: type[T], expected: str) -> T | None:
-    """Return the dataclass that :func:`write_json` wrote as a mapping; ``None`` without a file.
+    """Read a dataclass from a file of :func:`write_json`; ``None`` if there is no file.
 
     Raises:
         RunError: If the file is damaged.
@@ -244,15 +244,15 @@ def read_json(path: Path, kind: type[T], expected: str) -> T | None:
 
 
 def first_fault(error: ValidationError) -> str:
-    """Return where the first thing stands that does not fit, and what is wrong with it."""
+    """Return the location and message of the first validation error."""
     first = error.errors(include_url=False)[0]
     return "".join(f"{part}: " for part in first["loc"]) + first["msg"]
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write a line of names and one for each row by :func:`write_atomically`.
+    """Write a CSV file with a header line by :func:`write_atomically`.
 
-    What is missing in a row or ``None`` is left empty.
+    Missing and ``None`` values of a row are left empty.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
@@ -262,25 +262,25 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, An
 
 
 def read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
-    """Return a file of a zip archive, of which no more than ``limit`` bytes are unpacked.
+    """Read a file of a zip archive; unpack at most ``limit`` bytes.
 
     Raises:
-        ValueError: If the file is larger, by what the archive says or in fact.
-        KeyError: If there is none of that name.
+        ValueError: If the file is larger, by the archive's directory or in fact.
+        KeyError: If the archive has no file of that name.
         zipfile.BadZipFile: If it is damaged.
-        Exception: Whatever the decompressors raise at a damaged one.
+        Exception: Any error of the decompressors for a damaged archive.
     """
     member = archive.getinfo(name)
-    # Stored bytes come in parts; those of bzip2 and lzma zipfile unpacks without a limit.
+    # zipfile limits the read of stored bytes, but not of bzip2 and lzma: read them as stored.
     packed = copy.copy(member)
     packed.compress_type, packed.file_size = zipfile.ZIP_STORED, member.compress_size
     del packed.CRC
     if member.file_size <= limit:
         try:
             with archive.open(packed) as file:
-                # What has no pattern is packed into a little more than itself.
+                # Compressing random data makes it slightly longer.
                 part = file.read(limit + limit // 8 + 999)
-        except EOFError as error:  # which says nothing
+        except EOFError as error:  # its message is empty
             raise zipfile.BadZipFile(f"it ends within its {name}") from error
         content = _unpack(part, member.compress_type, limit + 1)
     if member.file_size > limit or len(content) > limit:
@@ -291,7 +291,7 @@ def read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
 
 
 def _unpack(packed: bytes, method: int, most: int) -> bytes:
-    """Return at most ``most`` bytes of what a zip archive has packed by a method."""
+    """Decompress at most ``most`` bytes of a member's packed bytes."""
     if method == zipfile.ZIP_STORED:
         return packed
     if method == zipfile.ZIP_DEFLATED:
@@ -299,7 +299,7 @@ def _unpack(packed: bytes, method: int, most: int) -> bytes:
     if method == zipfile.ZIP_BZIP2:
         return bz2.BZ2Decompressor().decompress(packed, most)
     if method == zipfile.ZIP_LZMA:
-        # The header of an .lzma file of unknown length in place of that of a member.
+        # Replace the member's header by that of an .lzma file of unknown length.
         packed = packed[4:9] + b"\xff" * 8 + packed[9:]
         unpacker = lzma.LZMADecompressor(lzma.FORMAT_ALONE, memlimit=_LZMA_MEMORY)
         return unpacker.decompress(packed, most)

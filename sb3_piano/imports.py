@@ -1,4 +1,4 @@
-"""Things that settings name by their import paths."""
+"""Import classes and other objects by the paths that settings name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from sb3_piano.exceptions import ConfigError, near_names
 
 KNOWN_PACKAGES = ("sb3_piano", "stable_baselines3", "sb3_contrib", "gymnasium", "torch")
-"""Packages whose classes the settings of an exported run may name."""
+"""Packages that the settings of an exported run may name classes from."""
 
 _known_only: ContextVar[bool] = ContextVar("_known_only", default=False)
 
@@ -43,9 +43,9 @@ _MOVED = {
     "sb3_piano.web": "sb3_piano.lab.web",
     "sb3_piano.wrappers.CorpusExcerpt": "sb3_piano.lab.music.CorpusExcerpt",
 }
-"""Where things are now that files of older versions name by an import path, or by its beginning."""
+"""Present import paths by those of older versions; a key may be the beginning of a path."""
 
-# How text that RL Zoo evaluates can name what is not in its scope.
+# The expression by which RL Zoo's evaluated text names objects outside its scope.
 _ZOO_IMPORT = re.compile(r"""importlib\.import_module\((['"])([\w.]+)\1\)\.([\w.]+)""")
 
 
@@ -55,7 +55,7 @@ def is_dotted(text: str) -> bool:
 
 
 def full_name(name: str) -> str:
-    """Return the import path that stands for the Zoo's ways to name a thing, or for a former path.
+    """Expand RL Zoo's short names and outdated paths to an import path.
 
     ``nn.ReLU`` becomes ``torch.nn.ReLU``, ``importlib.import_module('a.b').C`` becomes ``a.b.C``.
     """
@@ -70,9 +70,9 @@ def full_name(name: str) -> str:
 
 @contextlib.contextmanager
 def known_packages_only() -> Iterator[None]:
-    """Refuse, while the block lasts, names of other packages than :data:`KNOWN_PACKAGES`.
+    """Context manager that refuses import paths outside :data:`KNOWN_PACKAGES`.
 
-    They are refused before they are imported. For settings that come from somebody else.
+    They are refused before the import. Use it for settings from somebody else.
     """
     token = _known_only.set(True)
     try:
@@ -82,10 +82,10 @@ def known_packages_only() -> Iterator[None]:
 
 
 def check_package(name: str) -> None:
-    """Refuse an import path while only names of known packages are let through.
+    """Refuse an import path that :func:`known_packages_only` does not allow.
 
     Raises:
-        ConfigError: If it is of another package, or private.
+        ConfigError: If it is in another package, or private.
     """
     if not _known_only.get():
         return
@@ -98,7 +98,7 @@ def check_package(name: str) -> None:
 
 
 def import_name(name: str) -> Any:
-    """Return what an import path names, such as ``package.module.Class``."""
+    """Import the object at a path such as ``package.module.Class``."""
     path = full_name(name)
     if not is_dotted(path):
         raise ConfigError(f"{name!r} is no import path: expected 'package.module.Name'.")
@@ -122,7 +122,7 @@ def import_name(name: str) -> Any:
 
 
 def _check_known(name: str, found: Any) -> None:
-    """Refuse what a known package has imported from others, and wrappers that write files."""
+    """Refuse objects that a known package imports from others, and wrappers that write files."""
     from gymnasium.wrappers import RecordVideo
     from stable_baselines3.common.monitor import Monitor  # not needed for environments
     from stable_baselines3.common.vec_env import VecMonitor, VecVideoRecorder
@@ -139,10 +139,10 @@ def _check_known(name: str, found: Any) -> None:
 
 
 def import_class(name: str, *bases: type) -> type:
-    """Return the class that an import path names, if it is below one of some classes.
+    """Import a class, and check that it is a subclass of one of the bases.
 
-    Whatever may be called later goes through here, so that no configuration can name a function
-    such as ``os.system`` and have it called. The module is imported all the same.
+    Every object that is called later is imported here, so that no configuration can call a
+    function such as ``os.system``. Its module is imported all the same.
     """
     found = import_name(name)
     if not isinstance(found, type) or not issubclass(found, bases):

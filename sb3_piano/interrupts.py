@@ -1,7 +1,7 @@
-"""Ctrl-C, SIGTERM and a closed terminal, answered at a moment when nothing is half done.
+"""Handle Ctrl-C, SIGTERM and a closed terminal at safe moments.
 
-Python lets only the main thread handle signals; elsewhere these contexts change nothing. Who has
-SIGHUP ignored, as ``nohup`` does, goes on without a terminal.
+Python lets only the main thread handle signals; in others these contexts change nothing. A process
+that ignores SIGHUP, as under ``nohup``, continues without a terminal.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ _Handler = Callable[[int, Any], Any] | int
 
 _HANGUP = getattr(signal, "SIGHUP", None)  # Windows has none
 OF_TERMINAL = tuple(s for s in (signal.SIGINT, _HANGUP) if s is not None)
-"""Signals that reach all processes of a terminal."""
+"""Signals that a terminal sends to all its processes."""
 
 _ENDING = (*OF_TERMINAL, signal.SIGTERM)
 
 
 class StopRequest:
-    """Whether someone asked the work to end."""
+    """Flag that a signal sets to end the work."""
 
     def __init__(self) -> None:
         self.made = False
 
 
 _answering: list[StopRequest] = []
-"""The request that signals make at present, if any."""
+"""The active request, if any."""
 
 
 @contextlib.contextmanager
 def stop_on_signal() -> Iterator[StopRequest]:
-    """Turn the first Ctrl-C, SIGTERM or SIGHUP into a request to stop; the second raises at once.
+    """Turn the first Ctrl-C, SIGTERM or SIGHUP into a stop request; the second raises.
 
-    Not the second SIGHUP: a terminal that is closed and its shell both send one.
+    A second SIGHUP does not raise: a closed terminal and its shell both send one.
 
-    A block within another one has the request of that, so that none is lost when the inner one
-    ends just then.
+    A nested block shares the request of the outer one. So no signal is lost when the inner block
+    ends.
 
     Raises:
         KeyboardInterrupt: At the second signal.
@@ -70,13 +70,13 @@ def stop_on_signal() -> Iterator[StopRequest]:
 
 
 def stop_requested() -> bool:
-    """Return whether a signal asked the work of the present :func:`stop_on_signal` to end."""
+    """Return whether a signal set the present :class:`StopRequest`."""
     return any(request.made for request in _answering)
 
 
 @contextlib.contextmanager
 def ended_as_by_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise ``KeyboardInterrupt``, too, where nothing else answers them."""
+    """Raise ``KeyboardInterrupt`` at SIGTERM and SIGHUP too, unless a handler takes them."""
 
     def handle(number: int, frame: object) -> None:
         del frame
@@ -91,7 +91,7 @@ def ended_as_by_ctrl_c() -> Iterator[None]:
 
 @contextlib.contextmanager
 def ctrl_c_deferred() -> Iterator[None]:
-    """Put Ctrl-C, SIGTERM and SIGHUP off until the end of the block."""
+    """Defer Ctrl-C, SIGTERM and SIGHUP until the end of the block."""
     came: list[int] = []
     with _handlers(dict.fromkeys(_ENDING, lambda number, frame: came.append(number))):
         yield
@@ -100,16 +100,16 @@ def ctrl_c_deferred() -> Iterator[None]:
 
 
 def leave_to_parent() -> None:
-    """Ignore Ctrl-C and a closed terminal in this process: the one that started it answers them.
+    """Ignore Ctrl-C and a closed terminal in this process; its parent handles them.
 
-    They reach all processes of a terminal.
+    A terminal sends both to all its processes.
     """
     for number in OF_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
 
 
 def _leave_terminal() -> None:
-    """Print to nowhere if the terminal is gone, as every print would then be an error."""
+    """Redirect closed output streams to the null device, as printing would raise."""
     for stream in (1, 2):
         try:
             os.write(stream, b"")
@@ -119,13 +119,13 @@ def _leave_terminal() -> None:
 
 
 def in_main_thread() -> bool:
-    """Return whether this is the thread that may handle signals."""
+    """Return whether this is the main thread, the only one that handles signals."""
     return threading.current_thread() is threading.main_thread()
 
 
 @contextlib.contextmanager
 def _handlers(wanted: Mapping[signal.Signals, _Handler]) -> Iterator[bool]:
-    """Handle signals in other ways meanwhile; tell whether that is possible here."""
+    """Install signal handlers for the block; yield whether that is possible here."""
     if not in_main_thread():
         yield False
         return

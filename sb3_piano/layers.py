@@ -1,4 +1,4 @@
-"""The layers of a wrapped environment."""
+"""Iterate over the wrappers of an environment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Links in folders that come from elsewhere, through which nothing is written."""
+"""Refuse to write through links that lead out of untrusted folders."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ _KEPT: set[Path] = set()
 
 
 def keep_inside(folder: Path) -> None:
-    """From now on refuse to write in a folder through links that lead out of it.
+    """From now on refuse to write through links that lead out of a folder.
 
-    Whoever made the folder may have put them there. Links above it are the user's own.
+    The folder's author may have put them there. Links above it are the user's own.
     """
     _KEPT.add(Path(os.path.abspath(folder)))
 
 
 def check_inside(path: Path) -> None:
-    """Refuse a path that leads out of a folder of :func:`keep_inside` by a link.
+    """Refuse a path that leaves a folder of :func:`keep_inside` through a link.
 
     Raises:
         RunError: If it does.
@@ -35,11 +35,11 @@ def check_inside(path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder that is to be written into, with those above it, unless it is there.
+    """Create a folder and its parents, unless it exists.
 
     Raises:
         RunError: As of :func:`check_inside`.
-        OSError: If it cannot be made.
+        OSError: If it cannot be created.
     """
     check_inside(path)
     path.mkdir(parents=True, exist_ok=True)

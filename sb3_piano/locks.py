@@ -1,4 +1,4 @@
-"""Locks that a process holds for as long as it lives: the kernel frees them, however it dies."""
+"""File locks of a process, which the kernel releases when the process ends."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _POLL_SECONDS = 0.01
 
 @contextlib.contextmanager
 def hold(path: Path, busy: str = "", expected: str = "") -> Iterator[None]:
-    """Hold the lock that a file stands for; processes that are forked meanwhile do not hold it.
+    """Hold a file lock during the block; forked processes do not hold it.
 
-    The file says who has the lock, and is removed afterwards. It stays if the process dies.
+    The file names the owner, and is removed afterwards. It stays if the process dies.
 
     Args:
-        path: The file, which is made if need be, as is its folder.
-        busy: What is told if another has the lock, such as ``'x' is being trained``; by default
-            that one is waited for.
-        expected: What is expected instead.
+        path: The file; it and its folder are created if missing.
+        busy: The message if another process has the lock, such as ``'x' is being trained``; by
+            default, wait for the lock.
+        expected: The message's advice.
 
     Raises:
-        RunError: If another has the lock, or the file cannot be made or locked.
+        RunError: If another process has the lock, or the file cannot be created or locked.
     """
     lock = FileLock(path, blocking=not busy, poll_interval=_POLL_SECONDS)
     try:
@@ -42,16 +42,16 @@ def hold(path: Path, busy: str = "", expected: str = "") -> Iterator[None]:
     except OSError as error:
         raise RunError(
             f"'{path}' cannot be locked: {error.strerror}. Expected a folder on a disk of this "
-            "machine, in which files can be made."
+            "machine that files can be created in."
         ) from error
     try:
-        with contextlib.suppress(OSError):  # a full disk is no reason not to go on
+        with contextlib.suppress(OSError):  # the lock also works on a full disk
             path.write_text(f"process {os.getpid()} on {socket.gethostname()}")
         yield
     finally:
         if lock.is_locked:  # not in a forked process
             with contextlib.suppress(OSError):  # a system that removes no open files
-                path.unlink()  # who waits for it sees that it has no name, and makes a new one
+                path.unlink()  # a waiting process notices that, and makes a new file
             lock.release()
 
 

@@ -1,7 +1,7 @@
-"""The end of processes whose parent is killed while they still import or make environments.
+"""End processes whose parent is killed while they import or make environments.
 
-It is the first that the server imports from which processes are forked, see
-:func:`~sb3_piano.jobs.starting.process_context`. By a timer, as threads and forks do not go
+The server that forks processes imports this module first, see
+:func:`~sb3_piano.jobs.starting.process_context`. It uses a timer, since threads and forks do not go
 together.
 """
 
@@ -15,7 +15,7 @@ _EVERY = 0.5  # s
 
 
 def end_with_parent() -> None:
-    """From now on end this process within a second of its parent."""
+    """End this process within a second of its parent, from now on."""
     parent = os.getppid()
 
     def look(number: int, frame: object) -> None:
@@ -28,7 +28,7 @@ def end_with_parent() -> None:
 
 
 def stop_looking() -> None:
-    """Leave the timer to others: whoever waits for the parent's messages notices its end."""
+    """Stop the timer: a process that waits for its parent's messages notices its end."""
     if hasattr(signal, "setitimer"):
         signal.setitimer(signal.ITIMER_REAL, 0)
 

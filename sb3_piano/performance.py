@@ -1,4 +1,4 @@
-"""Performance of an episode, step by step: the record from which all music metrics come."""
+"""Record of an episode, step by step, from which all music metrics are computed."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from sb3_piano.music.dynamics import velocity_of
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Performance:
-    """The control steps of an episode so far, beside the roll that should have been played.
+    """The control steps of an episode so far, and the roll that was due.
 
-    A press is an unbroken run of control steps at whose ends a key sounds; their order is that of
-    :attr:`presses`. All times count from the start of the episode.
+    A press is an unbroken run of control steps at whose ends a key sounds; :attr:`presses` gives
+    their order. All times count from the start of the episode.
     """
 
     roll: PianoRoll
-    """The whole piece as it should be played."""
+    """The roll of the whole piece."""
     key_active: BoolArray
     """(t, 88) bool, keys that sounded at the end of each control step."""
     sustain: BoolArray
@@ -32,7 +32,7 @@ class Performance:
     strike_time: FloatArray
     """(n,) when the key of each of the n presses went down, s; to the length of a physics step."""
     strike_speed: FloatArray
-    """(n,) how fast it went down as it began to sound, rad/s; NaN where that is not known."""
+    """(n,) speed of the key as it began to sound, rad/s; NaN where unknown."""
     release_time: FloatArray
     """(n,) when it came up again, s; the end of the last step if it did not."""
     press_finger: FingerArray
@@ -45,14 +45,14 @@ class Performance:
 
     @functools.cached_property
     def presses(self) -> Presses:
-        """The presses: which key, its first control step, and the step after its last one."""
+        """The presses: key, first control step, and the step after the last one."""
         return presses_of(self.key_active)
 
     def metrics(self) -> dict[str, float]:
-        """Return the music metrics by name, over the steps that were played.
+        """Compute the music metrics by name, over the steps that were played.
 
         They are :data:`~sb3_piano.metrics.EPISODE_METRICS` without ``normalized_return``, which
-        only the environment can tell.
+        needs the environment's reward.
         """
         steps, roll = len(self), self.roll
         first, key = np.divmod(np.flatnonzero(roll.onset), roll.onset.shape[1])
@@ -70,23 +70,23 @@ class Performance:
         )
 
     def losses(self) -> Losses:
-        """Return where due frames were lost in the steps played, and where wrong ones come from."""
+        """Classify each due frame and each wrong frame of the steps played."""
         steps, roll = len(self), self.roll
         return losses_of(
             roll.active[:steps], self.key_active, roll.finger[:steps], self.press_finger
         )
 
     def to_score(self, *, by_steps: bool = False) -> Score | None:
-        """Return what was played as a score, or ``None`` if no key was ever pressed.
+        """Convert the performance to a score, or ``None`` if no key was pressed.
 
-        Times are those of the episode, the initial silence included; a note's finger is the one
+        Times are those of the episode, including the initial silence; a note's finger is the one
         that was nearest when the key went down.
 
         Args:
-            by_steps: Whether notes begin and end with control steps, so that the roll of the score
-                is what was played, and are equally loud; otherwise when keys went down and up, and
-                as loud as these were struck (see :mod:`sb3_piano.music.dynamics`). The pedal always
-                goes by steps.
+            by_steps: If true, notes begin and end with control steps and are equally loud, so that
+                the score's roll is the performance. Otherwise notes begin and end when keys went
+                down and up, with the loudness of their strikes
+                (:mod:`sb3_piano.music.dynamics`). The pedal always follows control steps.
         """
         presses, step = self.presses, self.roll.control_timestep
         by_time = self.strike_time, self.release_time

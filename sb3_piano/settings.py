@@ -1,7 +1,7 @@
-"""Settings: dataclasses and single values that are checked where they enter, by pydantic.
+"""Validate settings, dataclasses and single values, with pydantic.
 
-A class decorated with :func:`settings` is a frozen dataclass of keyword arguments. Its annotations
-say what is valid, and every violation becomes one :class:`~sb3_piano.exceptions.ConfigError` that
+A class decorated with :func:`settings` is a frozen dataclass of keyword arguments, validated
+against its annotations. Every violation raises one :class:`~sb3_piano.exceptions.ConfigError` that
 names the value and what was expected:
 
 >>> @settings
@@ -49,7 +49,7 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 def number_in(value: Any) -> Any:
-    """Return the number that text such as ``1e-3`` is, all else as it is."""
+    """Parse text such as ``1e-3`` as a number; return other values unchanged."""
     if not isinstance(value, str) or not _NUMBER.fullmatch(value):
         return value
     try:
@@ -59,7 +59,7 @@ def number_in(value: Any) -> Any:
 
 
 def _integer(value: Any) -> Any:
-    """Return any number that is whole as int."""
+    """Convert any whole number to int; return other values unchanged."""
     number = number_in(value)
     is_number = isinstance(number, Real) and not isinstance(number, bool)
     is_whole = is_number and (isinstance(number, Integral) or number % 1 == 0)
@@ -67,7 +67,7 @@ def _integer(value: Any) -> Any:
 
 
 def _float(value: Any) -> Any:
-    """Return any other real number as float."""
+    """Convert any real number to float; return other values unchanged."""
     value = number_in(value)
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
@@ -86,7 +86,7 @@ def _tuple(value: Any) -> Any:
 
 
 Whole = Annotated[int, BeforeValidator(_integer)]
-"""A whole number, NumPy's and whole floats included; true and false are none."""
+"""A whole number, also NumPy's or a whole float, but not a bool."""
 
 Number = Annotated[float, BeforeValidator(_float), AllowInfNan(False)]
 """A finite number as a float."""
@@ -114,11 +114,11 @@ Listed = BeforeValidator(_tuple)
 
 
 class _NestedError(ConfigError):
-    """What is wrong in settings within settings; their place is told before it."""
+    """An error in nested settings; the outer message adds its location."""
 
 
 class _FromMapping:
-    """Annotation of settings that may be given as a mapping of their fields."""
+    """Annotation of settings that also accept a mapping of their fields."""
 
     def __get_pydantic_core_schema__(
         self, kind: Any, handler: GetCoreSchemaHandler
@@ -135,32 +135,31 @@ class _FromMapping:
 
 
 Nested = Annotated[T, _FromMapping()]
-"""Settings within settings, also as a mapping of their fields."""
+"""Nested settings, also given as a mapping of their fields."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Unit:
-    """Annotation of a number: what follows its range in a message, such as a unit or a reason."""
+    """Annotation of a number: the text after its range in a message, a unit or a reason."""
 
     text: str
 
 
 @dataclasses.dataclass(frozen=True)
 class Expected:
-    """Annotation of what its type does not tell: what a message says was expected."""
+    """Annotation of a value: the expectation in a message, where the type does not say it."""
 
     text: str
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def settings(cls: type[T]) -> type[T]:
-    """Make a class a frozen dataclass of keyword arguments, checked against its annotations.
+    """Make a class a frozen dataclass of keyword arguments, validated by its annotations.
 
-    ``__post_init__`` may check what concerns several fields, and raise ``ConfigError`` itself.
+    ``__post_init__`` may check several fields together, and raise ``ConfigError`` itself.
 
     Raises:
-        ConfigError: When the class is called with values that do not fit, or with names that it
-            does not have.
+        ConfigError: When the class is called with invalid values or unknown names.
     """
     checked: Any = checked_dataclass(frozen=True, kw_only=True, config=_CONFIG)(cls)
     fields = [field.name for field in dataclasses.fields(checked)]
@@ -177,7 +176,7 @@ def settings(cls: type[T]) -> type[T]:
             ) from None
 
     checked.__init__ = init
-    # Who converts values before they get here, such as text from YAML, wants the bare types.
+    # Code that converts values before, such as text from YAML, needs the bare types.
     bare, signature = typing.get_type_hints(cls), inspect.signature(checked)
     checked.__signature__ = signature.replace(
         parameters=[p.replace(annotation=bare[name]) for name, p in signature.parameters.items()]
@@ -186,7 +185,7 @@ def settings(cls: type[T]) -> type[T]:
 
 
 def checked(name: str, value: Any, kind: Any) -> Any:
-    """Return a single value, called by its name, as an annotation wants it.
+    """Validate and convert a single value by an annotation; ``name`` is for the message.
 
     Raises:
         ConfigError: If it does not fit.
@@ -204,13 +203,13 @@ def refuse_unknown(
     of: str = "",
     also_near: Iterable[str] = (),
 ) -> None:
-    """Refuse names that mean nothing.
+    """Refuse unknown names, and suggest similar ones.
 
-    The message calls a name ``what``, such as "reward term", and says of what it is one; names that
-    it may have been meant by are known ones, or ``also_near``.
+    The message calls a name ``what``, such as "reward term", of ``of``. Suggestions come from
+    ``known`` and ``also_near``.
 
     Raises:
-        ConfigError: If one is not among those that are known.
+        ConfigError: If a name is not among ``known``.
     """
     known, near = list(known), list(also_near)
     for name in names:
@@ -228,15 +227,15 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def _message(error: ValidationError, kinds: Mapping[str, Any], *names: str) -> str:
-    """Return what is wrong with the first value that does not fit.
+    """Describe the first invalid value.
 
-    ``kinds`` has the annotation of each value by its name, with which the error's place begins;
-    ``names`` are what comes before that place.
+    ``kinds`` has the annotation of each value by its name, the first part of the error's location;
+    ``names`` come before that location.
     """
     found = error.errors(include_url=False)
     field = slice(0 if names else 1)
     of_field = (each for each in found if each["loc"][field] == found[0]["loc"][field])
-    # Of a value that several kinds were tried for, what came furthest.
+    # For a union, report the alternative that matched furthest.
     first = max(of_field, key=lambda each: len(each["loc"]))
     raised = first.get("ctx", {}).get("error")
     place: tuple[str | int, ...] = (*names, *first["loc"])
@@ -246,32 +245,32 @@ def _message(error: ValidationError, kinds: Mapping[str, Any], *names: str) -> s
         return str(raised)
     if first["type"] == "missing" and len(place) == 1:
         return f"{place[0]} is missing: it has no default."
-    place, kind = _told(place, kinds.get(str(place[0])), first["type"] == "missing")
+    place, kind = _shown(place, kinds.get(str(place[0])), first["type"] == "missing")
     return f"{_called(place)} is {reprlib.repr(first['input'])}: expected {_expected(first, kind)}"
 
 
-def _told(
+def _shown(
     place: tuple[str | int, ...], kind: Any, is_short: bool
 ) -> tuple[tuple[str | int, ...], Any]:
-    """Return the place of a value as it is told, and its annotation.
+    """Return the location of a value as the message shows it, and its annotation.
 
-    Pydantic's place also has the kind that was tried, where an annotation has several, and a mark
-    of what is a key; of a list that is too short it is what is missing.
+    Pydantic's location also has the alternative of a union, and a mark for keys of a mapping; for
+    a list that is too short it ends in the missing index.
     """
-    told = list(place[:1])
+    shown = list(place[:1])
     kinds = [kind]
     for part in place[1 : -1 if is_short else None]:
         several = _alternatives(kinds[-1])
         if part == "[key]":  # the message shows the key itself
-            return tuple(told[:-1]), _inner(kinds[-2], key=True)
+            return tuple(shown[:-1]), _inner(kinds[-2], key=True)
         if several and part == place[-1]:
             break
         if several:
             kinds.append(next(one for one in several if _inner(one) is not None))
         else:
-            told.append(part)
+            shown.append(part)
             kinds.append(_inner(kinds[-1]))
-    return tuple(told), kinds[-1]
+    return tuple(shown), kinds[-1]
 
 
 def _called(place: tuple[str | int, ...]) -> str:
@@ -279,7 +278,7 @@ def _called(place: tuple[str | int, ...]) -> str:
 
 
 def _expected(error: ErrorDetails, kind: Any) -> str:
-    """Return the end of a message: what was expected in place of a value."""
+    """Return the end of a message: the expectation for a value."""
     several = _alternatives(kind)
     if several:
         texts = (_expected(error, one).removesuffix(".") for one in several)
@@ -314,7 +313,7 @@ _TEXTS: Mapping[Any, str] = {
 
 
 def _number_text(bare: type, notes: tuple[Any, ...]) -> str:
-    """Return "a whole number from 1 to 1920 pixels" for a kind of number and its annotations."""
+    """Describe a number's range, as in "a whole number from 1 to 1920 pixels"."""
     text = "a whole number" if bare is int or MultipleOf(1) in notes else "a finite number"
     unit, comma, reason = next((n.text for n in notes if isinstance(n, Unit)), "").partition(",")
     unit = f" {unit}" if unit else ""
@@ -336,20 +335,20 @@ def _number_text(bare: type, notes: tuple[Any, ...]) -> str:
 
 
 def _alternatives(kind: Any) -> list[Any]:
-    """Return the kinds of which an annotation accepts any, if they are several."""
+    """Return the alternatives of a union without ``None``; empty if it is not a union."""
     bare = _parts(kind)[0]
     is_union = typing.get_origin(bare) in (typing.Union, types.UnionType)
     return [one for one in typing.get_args(bare) if one is not type(None)] if is_union else []
 
 
 def _inner(kind: Any, *, key: bool = False) -> Any:
-    """Return the annotation of what a mapping or a sequence holds."""
+    """Return the annotation of a container's values, or of its keys."""
     arguments = [a for a in typing.get_args(_parts(kind)[0]) if a is not ...]
     return arguments[0 if key else -1] if arguments else None
 
 
 def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return an annotation without ``None`` and ``Annotated``, and what annotates it."""
+    """Strip ``None`` and ``Annotated`` from an annotation; return it and its metadata."""
     notes: tuple[Any, ...] = ()
     while True:
         if typing.get_origin(kind) is Annotated:

@@ -1,8 +1,8 @@
-"""A job for each of several environments, done in threads; and how torch computes.
+"""Run a job for each environment in threads; set torch's threads and precision.
 
 MuJoCo's bindings release Python's lock while they simulate, and a piano environment spends nearly
-all of its time there: threads of one process step environments at the same time, without the
-copying between processes.
+all of its time there. So threads of one process step environments in parallel, without copies
+between processes.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ _ARRAY_FLAGS = ("avx2", "fma", "avx512f", "avx512_vnni", "avx512_bf16", "amx_til
 Job = Callable[[int], object]
 
 MatmulPrecision = Literal["highest", "high", "medium"]
-"""A precision of torch's, as ``torch.set_float32_matmul_precision`` takes it."""
+"""A precision for ``torch.set_float32_matmul_precision``."""
 
 
 class ThreadTeam:
-    """Do a job for each of n slots, shared out among threads, which start with the first job.
+    """Run a job for each of n slots in a team of threads, which start with the first job.
 
-    Each thread has neighbouring slots, the first ones belong to the calling thread. As long as that
-    stays the same, a slot is always served by one thread, which drawing contexts need.
+    Each thread has neighbouring slots; the calling thread has the first ones. A slot always stays
+    with its thread, which rendering contexts need.
 
     Args:
-        n_slots: How many slots there are, at least 1.
-        n_threads: Threads to use, the calling one included; by default one for each slot or
-            each usable core, whichever are fewer. More than slots are never used.
+        n_slots: Number of slots, at least 1.
+        n_threads: Threads to use, including the calling one; by default one for each slot or
+            each usable core, whichever are fewer. It never uses more threads than slots.
 
     Raises:
         ConfigError: If ``n_threads`` is not a whole number from 1 on.
@@ -47,16 +47,16 @@ class ThreadTeam:
     def __init__(self, n_slots: int, n_threads: int | None = None):
         n_threads = checked("n_threads", n_threads, Count | None)
         self.n_threads = min(n_slots, n_threads or usable_cores())
-        """Number of threads that do the work, the calling one included."""
+        """Number of working threads, including the calling one."""
         bounds = [n_slots * i // self.n_threads for i in range(self.n_threads + 1)]
         self._own, *self._shares = (range(*pair) for pair in itertools.pairwise(bounds))
-        self._executors: list[ThreadPoolExecutor] = []  # of one thread each
+        self._executors: list[ThreadPoolExecutor] = []  # one thread each
 
     def run(self, job: Job) -> None:
-        """Do a job for every slot; return or raise when no thread is at work any more.
+        """Run a job for every slot; return or raise when all threads are idle again.
 
-        A thread leaves out the rest of its slots if one of them fails. What the job raised for the
-        first slot that failed is raised here.
+        If a slot fails, its thread skips the rest of its slots. The error of the first failed slot
+        is raised here.
         """
         if not self._executors:
             self._executors = [ThreadPoolExecutor(max_workers=1) for _ in self._shares]
@@ -72,7 +72,7 @@ class ThreadTeam:
                 raise error
 
     def close(self) -> None:
-        """Wait for the threads and end them; another job would start new ones."""
+        """Wait for the threads and end them; another job starts new ones."""
         for executor in self._executors:
             executor.shutdown()
         self._executors = []
@@ -81,27 +81,27 @@ class ThreadTeam:
         return {**self.__dict__, "_executors": []}  # a copy starts threads of its own
 
     def _submit(self, job: Job) -> list[Future[None]]:
-        """Let each thread but the calling one do a job for its slots."""
+        """Submit a job for the slots of each thread but the calling one."""
         pairs = zip(self._executors, self._shares, strict=True)
         return [executor.submit(_do, job, slots) for executor, slots in pairs]
 
 
 def usable_cores() -> int:
-    """Return on how many cores this process may run."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def processor_name() -> str:
-    """Return the name of the processor: Linux's, or else Python's."""
+    """Return the processor's name from Linux, or else from Python."""
     return _processor().get("model name") or platform.processor() or platform.machine()
 
 
 def processor_label() -> str:
-    """Return the name of the processor, its model, and which instructions for arrays it has.
+    """Return the processor's name, model and array instructions.
 
-    Libraries choose by these how they compute, and so the last bits of what they compute.
+    Libraries choose their kernels by these, which changes the last bits of results.
     """
     known = _processor()
     numbers = [f"{name.removeprefix('cpu ')} {known[name]}" for name in _MODEL if name in known]
@@ -111,7 +111,7 @@ def processor_label() -> str:
 
 
 def _processor() -> dict[str, str]:
-    """Return what Linux says of the first processor; nothing elsewhere."""
+    """Read Linux's facts about the first processor; empty on other systems."""
     cpuinfo = Path("/proc/cpuinfo")
     text = cpuinfo.read_text(encoding="utf-8") if cpuinfo.is_file() else ""
     pairs = (line.partition(":") for line in text.partition("\n\n")[0].splitlines())
@@ -127,25 +127,25 @@ def _do(job: Job, slots: range) -> None:
 def torch_computing(
     num_threads: int | None = None, matmul_precision: MatmulPrecision | None = None
 ) -> Iterator[None]:
-    """Let torch compute with these settings meanwhile, and afterwards with those from before.
+    """Context manager that sets torch's threads and precision, and restores both on exit.
 
-    They are settings of the whole process. Everything in this package that runs a network does so
-    in this context, so that the program around it keeps its own.
+    Both are settings of the whole process. All code of this package that runs a network uses this
+    context, so that the calling program keeps its own settings.
 
     Args:
         num_threads: Threads, at least 1. By default one, unless ``OMP_NUM_THREADS`` or
-            ``MKL_NUM_THREADS`` is set: then the number stays as it is. Networks as small as those
-            of piano players gain nothing from a second thread, and lose most of their speed as soon
-            as anything else runs: at the end of each operation the threads wait for one another, as
-            busily as if they worked.
-        matmul_precision: How products of float32 matrices are computed; by default as before.
-            ``"medium"`` allows factors to be rounded to bfloat16. With it torch takes oneDNN's
-            products in place of MKL's, which on AMD's processors with AVX-512 do not round and are
-            twice as fast.
+            ``MKL_NUM_THREADS`` is set: then the number stays. Small networks like the piano
+            players' gain nothing from a second thread. They lose most of their speed as soon as
+            anything else runs, since the threads busily wait for one another after each
+            operation.
+        matmul_precision: Precision of float32 matrix products; unchanged by default. With
+            ``"medium"``, factors may be rounded to bfloat16, and torch uses oneDNN in place of
+            MKL. On AMD's processors with AVX-512, oneDNN's products do not round and are twice as
+            fast.
 
-    Where torch is not loaded there is nothing to set.
+    If torch is not loaded, nothing is set.
     """
-    if sys.modules.get("torch") is None:  # what plays without it stays without it
+    if sys.modules.get("torch") is None:  # never import it just for this
         yield
         return
     import torch

@@ -1,4 +1,4 @@
-"""What is being made: owned by who makes it, and deleted by others if that one was killed."""
+"""Temporary files and folders, owned by their process; others delete a killed process's."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows, where nobody knows whether what is unfinished has an owner
+except ImportError:  # Windows, where the owner of a temporary file is unknown
     fcntl = None  # type: ignore[assignment]
 
 PARTIAL_SUFFIX = ".partial"
-"""Suffix of a file that is being written; one that is left over may be deleted."""
+"""Suffix of a file that is being written; leftovers may be deleted."""
 
 _PARTIAL = re.compile(rf".+\.[0-9a-f]{{16}}{re.escape(PARTIAL_SUFFIX)}")
 _cleaned: set[Path] = set()
-"""Folders in which this process has deleted what killed ones had left."""
+"""Folders that this process has already cleared of leftovers."""
 
 
 def own(descriptor: int) -> bool:
-    """Own a file or folder that is not finished as long as it is open, and this process lives.
+    """Own a temporary file or folder while its descriptor is open.
 
     Returns:
-        Whether it is there: it may have been deleted before it had an owner.
+        Whether it still exists: another process may have deleted it before.
     """
     if fcntl is not None:
         with contextlib.suppress(OSError):  # a disk that has no locks
@@ -39,7 +39,7 @@ def own(descriptor: int) -> bool:
 
 
 def delete_unowned(paths: Iterable[Path]) -> None:
-    """Delete files and folders that processes which were killed have left unfinished."""
+    """Delete temporary files and folders that killed processes left."""
     for path in paths if fcntl is not None else ():
         with contextlib.suppress(OSError):  # it has an owner, or has just gone
             descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -55,16 +55,16 @@ def delete_unowned(paths: Iterable[Path]) -> None:
 
 @contextlib.contextmanager
 def partial_file(path: Path) -> Iterator[BufferedWriter]:
-    """Give a file beside another, to be written and put in its place; it is deleted otherwise.
+    """Yield a temporary file beside ``path`` to write and rename; delete it otherwise.
 
-    What killed processes have left in the folder is deleted as well, once in a process.
+    Leftovers of killed processes in the folder are deleted too, once per process.
     """
     folder = Path(os.path.realpath(path.parent))
     if folder not in _cleaned:
         delete_unowned(each for each in folder.glob("*") if _PARTIAL.fullmatch(each.name))
         _cleaned.add(folder)
     while True:
-        # No longer than the longest name that a file may have, which is 255 bytes.
+        # File names have at most 255 bytes.
         name = f"{path.name[:50]}.{secrets.token_hex(8)}{PARTIAL_SUFFIX}"
         file = path.with_name(name).open("xb")
         if own(file.fileno()):
@@ -74,15 +74,15 @@ def partial_file(path: Path) -> Iterator[BufferedWriter]:
         yield file
     finally:
         for end in (file.close, path.with_name(name).unlink):
-            with contextlib.suppress(OSError):  # the disk is full, or it has taken its place
+            with contextlib.suppress(OSError):  # the disk is full, or the file was renamed
                 end()
 
 
 @contextlib.contextmanager
 def partial_folder(place: Path, prefix: str) -> Iterator[Path]:
-    """Give a new folder in which something is made, to be put in its place; the rest is deleted.
+    """Yield a new folder to fill and move to its place; delete the rest.
 
-    What killed processes have left is deleted as well.
+    Leftovers of killed processes are deleted too.
     """
     delete_unowned(place.glob(f"{prefix}*"))
     with contextlib.ExitStack() as stack:
@@ -99,5 +99,5 @@ def partial_folder(place: Path, prefix: str) -> Iterator[Path]:
 
 
 def scratch_folder() -> AbstractContextManager[Path]:
-    """Give a folder for what nobody needs afterwards, where the system has such."""
+    """Context manager for a temporary folder in the system's usual place."""
     return partial_folder(Path(tempfile.gettempdir()), "sb3-piano-")

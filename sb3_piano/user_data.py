@@ -1,4 +1,4 @@
-"""The folder of the user's pieces, known without what reads and writes them."""
+"""The folder of the user's pieces; light to import."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from pathlib import Path
 import platformdirs
 
 DATA_VARIABLE = "SB3_PIANO_DATA"
-"""Environment variable with the folder for the user's data, in place of the system's usual one."""
+"""Environment variable that replaces the system's folder for user data."""
 
 PIECE_SUFFIX = ".npz"
 """Suffix of the file of an imported piece."""
 
 
 def pieces_folder() -> Path:
-    """Return the folder in which imported pieces are kept; it need not exist yet."""
+    """Return the folder of imported pieces; it need not exist yet."""
     chosen = os.environ.get(DATA_VARIABLE)
     data = Path(chosen).absolute() if chosen else platformdirs.user_data_path("sb3-piano")
     return data / "pieces"
 
 
 def piece_names(folder: Path) -> tuple[str, ...]:
-    """Return the names of all pieces in a folder, damaged or not, in alphabetical order.
+    """List the names of all pieces in a folder, damaged or not, in alphabetical order.
 
-    There are none if the folder is not there, or cannot be read.
+    The list is empty if the folder is missing or unreadable.
     """
     try:
         files = os.listdir(folder)

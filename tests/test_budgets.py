@@ -19,7 +19,7 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_999,
+    "base": 1_998,
     "batch": 1_977,
     "buffers": 654,
     "callbacks": 2_774,
@@ -32,7 +32,7 @@ LINES = {
     "jobs": 872,
     "lab": 5_678,
     "metrics": 1_053,
-    "music": 8_519,
+    "music": 8_509,
     "pipelines": 1_198,
     "planning": 2_721,
     "players": 2_163,
@@ -42,7 +42,7 @@ LINES = {
     "training": 6_307,
     "tuning": 1_303,
     "vec_env": 488,
-    "viewing": 2_564,
+    "viewing": 2_563,
     "wrappers": 2_047,
 }
 
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_649, "modules": 335, "names": 227},
+    "core": {"lines": 49_637, "modules": 335, "names": 227},
     "lab": {"lines": 5_678, "modules": 43, "names": 23},
-    "tests": {"lines": 42_091},
+    "tests": {"lines": 42_093},
 }
 
 

@@ -33,7 +33,7 @@ from sb3_piano.exceptions import (
     one_line,
 )
 from sb3_piano.interrupts import ended_as_by_ctrl_c
-from sb3_piano.text import escaped, told
+from sb3_piano.text import escaped, shortened
 
 COMMANDS = {
     "train": (
@@ -278,7 +278,7 @@ def _warnings_told() -> Iterator[None]:
         ) -> None:
             if not issubclass(category, _OURS):
                 others(message, category, *place, **options)
-            elif (text := told(str(message))) not in known:
+            elif (text := shortened(str(message))) not in known:
                 known.add(text)
                 print(f"sb3-piano: warning: {text}", file=sys.stderr)
 

@@ -1,4 +1,4 @@
-"""The built-in pieces: studies, and collections of MIDI files with a table of facts."""
+"""The built-in pieces: generated studies, and MIDI files with a table of facts."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from sb3_piano.music.studies import STUDIES
 
 
 def _collection(name: str) -> Mapping[str, Piece]:
-    """Return the pieces of the folder of that name beside this file, by name.
+    """Load the pieces of the folder of that name beside this file, by name.
 
-    There is one for each entry of ``pieces.yml``, with a MIDI file of that name beside it.
+    Each entry of ``pieces.yml`` is a piece, with a MIDI file of that name beside it.
     """
     folder = Path(__file__).with_name(name)
     pieces = (
@@ -43,7 +43,7 @@ def _piece(folder: Path, stem: str, facts: Mapping[str, Any]) -> Piece:
 
 def _read(path: Path, name: str, has_upbeat: bool) -> Score:
     score = read_midi(path)
-    # MIDI begins a bar at 0 s even where the music begins in the middle of one.
+    # MIDI begins a bar at 0 s even if the music begins in the middle of one.
     return replace(score, title=name, bars=score.bars[1:] if has_upbeat else score.bars)
 
 
@@ -51,7 +51,7 @@ REPERTOIRE = _collection("repertoire")
 """Public-domain music with finger labels, by name."""
 
 ENCORE = _collection("encore")
-"""Further public-domain pieces, which had no say in how anything was tuned, by name."""
+"""Held-out public-domain pieces, never used to tune anything, by name."""
 
 BUILT_IN: Mapping[str, Piece] = MappingProxyType({**STUDIES, **REPERTOIRE, **ENCORE})
-"""The pieces that come with the package, by name."""
+"""All built-in pieces by name."""

@@ -1,4 +1,4 @@
-"""The pieces that have a name, and the one way by which a score is given: by name, as a file..."""
+"""Find pieces by name, and load scores from names, files or fields."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ from sb3_piano.music.score import Score
 from sb3_piano.user_data import PIECE_SUFFIX
 
 ScoreSource = Score | str | os.PathLike[str]
-"""Whatever :func:`load_score` makes a score of."""
+"""Sources that :func:`load_score` accepts, besides a mapping of fields."""
 
 
 def pieces() -> Mapping[str, Piece]:
-    """Return all pieces by name: the built-in ones, then what the user has imported."""
+    """Return all pieces by name: the built-in ones, then the user's imported ones."""
     return {**BUILT_IN, **imported_pieces()}
 
 
 def of_collection(known: Mapping[str, Piece], collection: str) -> list[str]:
-    """Return the names of the pieces of a collection.
+    """List the names of the pieces of a collection.
 
-    ``"imported"`` has all that were imported, those that belong to another one as well.
+    ``"imported"`` has all imported pieces, also those in another collection.
     """
     own = imported_pieces() if collection == "imported" else {}
     return [name for name, piece in known.items() if piece.collection == collection or name in own]
 
 
 def shown_title(title: str) -> str:
-    """Return the title of a score as people write it, "Für Elise" for "repertoire-FurElise".
+    """Return the readable title of a score, "Für Elise" for "repertoire-FurElise".
 
-    A score of a built-in piece has the piece's name; any other title is returned as it is.
+    The title of a built-in piece's score is the piece's name; other titles are returned unchanged.
     """
     return BUILT_IN[title].title if title in BUILT_IN else title
 
 
 def find_piece(name: str) -> Piece:
-    """Return the piece of a name, which may lack the collection: ``"FurElise"``.
+    """Find a piece by its name, with or without the collection: ``"FurElise"``.
 
-    Of pieces with the same short name, those that come with the package go first. The pieces of
-    the PIG data set are found before it is imported, too; making one says how to get it.
+    Built-in pieces take precedence over others with the same short name. The pieces of the PIG data
+    set are found before their import; making their score explains how to get it.
 
     Raises:
-        UnknownPieceError: If there is no such piece, or several collections have one.
+        UnknownPieceError: If no piece has this name, or several collections have one.
     """
     known = {**PIG_PIECES, **pieces()}
     if name in known:
@@ -75,24 +75,24 @@ def _named_in_short(name: str, known: Mapping[str, Piece]) -> list[Piece]:
 
 
 def load_score(source: ScoreSource | Mapping[str, Any], parts: Sequence[str | int] = ()) -> Score:
-    """Return the score that `source` stands for.
+    """Load the score of a source.
 
     Args:
-        source: A score, which is returned as it is, or its fields by name, as gymnasium writes
-            them into the JSON of an environment's spec; the name of a piece; or the path of a file,
-            which may also be one of the user's library. Text counts as a path if it ends in a known
-            suffix or has a separator, or is an existing file's name with a suffix.
-        parts: Which parts to read of a MusicXML file, by their names, or numbers from 1; by
-            default the piano's.
+        source: A score, returned unchanged; its fields by name, as gymnasium writes them into the
+            JSON of an environment's spec; the name of a piece; or the path of a file, also of the
+            user's library. Text counts as a path if it ends in a known suffix or has a separator,
+            or is an existing file's name with a suffix.
+        parts: The parts of a MusicXML file to read, by name or by number from 1; by default the
+            piano's.
 
     Raises:
         UnknownPieceError: If the text is neither the name of a piece nor a path.
         ScoreError: If the file cannot be read as a score.
-        ConfigError: If `source` is of another type, or parts are chosen of what is no file.
+        ConfigError: If `source` is of another type, or parts are given without a file.
     """
     is_file = is_path(source) if isinstance(source, str) else isinstance(source, os.PathLike)
     if parts and not is_file:
-        raise ConfigError("Parts are chosen of what is no file: expected a MusicXML file.")
+        raise ConfigError("Parts can be chosen only in a file: expected a MusicXML file.")
     if isinstance(source, Score):
         return source
     if isinstance(source, Mapping):
@@ -109,7 +109,7 @@ def load_score(source: ScoreSource | Mapping[str, Any], parts: Sequence[str | in
 
 
 def is_path(text: str) -> bool:
-    """Return whether a text is meant as a path.
+    """Return whether text is meant as a path.
 
     It ends in a known suffix, has a separator, or is an existing file's name with a suffix.
     """

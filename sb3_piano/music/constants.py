@@ -1,4 +1,4 @@
-"""Numbers of the piano and of the pianist that every other file counts with."""
+"""Constants of the piano and the pianist's fingers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NUM_FINGERS = 2 * FINGERS_PER_HAND
 """Fingers 0-4 are the right hand, thumb to little; 5-9 the left hand, thumb to little."""
 
 UNKNOWN_FINGER = -1
-"""The label of a note whose finger nobody has chosen."""
+"""The label of a note without a chosen finger."""
 
 FINGER_NAMES = tuple(
     f"{hand} {finger}"

@@ -1,20 +1,20 @@
-"""Features that make a score hard, exactly, from its notes' times; the rank of pieces by them.
+"""Compute features that make a score hard, and rank pieces by them.
 
-A key counts as pressed from a note's onset to its offset; what the pedal holds does not. Presses
-that overlap by less than 1 ms follow each other: times are rounded, and a melody in legato has one
-note at a time.
+A key counts as pressed from a note's onset to its offset; notes held by the pedal alone do not
+count. Presses that overlap by less than 1 ms count as consecutive: times are rounded, and a melody
+in legato has one note at a time.
 
-The rank goes by weighted z-scores of the features. The formula is that of E. Farah, I. Lin and
+The rank uses weighted z-scores of the features. The formula is from E. Farah, I. Lin and
 G. Walrath, "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", section
-5.1.1: over all pieces that are ranked,
+5.1.1, over all ranked pieces:
 
     D = 0.25 z(average polyphony) + 0.15 z(maximum polyphony) + 0.20 z(onset density)
       + 0.10 z(action variance) + 0.10 z(hand motion) + 0.10 z(fingertip motion).
 
 The weights sum to 0.90, not 1; they are kept, since only the order counts. The last three features
-are those of takes, which ``sb3-piano evaluate RUN --motion`` and ``play`` write. Without takes D
-has the terms that a score knows, the first three and 0.10 z(hand motion), in which the way of the
-hands' centres along the keyboard stands for that of the joints.
+come from takes, which ``sb3-piano evaluate RUN --motion`` and ``play`` write. Without takes, D has
+the terms of the score: the first three and 0.10 z(hand motion), where the motion of the hands'
+centres along the keyboard replaces the joints' motion.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
 
 SAME_TIME = 1e-3
-"""Overlaps shorter than this are none, in s."""
+"""Shorter overlaps are ignored, in s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,7 @@ class Features:
     duration: float
     """From the first onset to the last offset, in s."""
     average_polyphony: float
-    """Number of keys pressed at once, as a mean over the duration, in which silence counts as
-    no key."""
+    """Number of keys pressed at once, as a mean over the duration; silence counts as no key."""
     maximum_polyphony: int
     """The most keys pressed at once."""
     onset_density: float
@@ -59,16 +58,16 @@ class Features:
     """The widest interval that one hand holds, in semitones."""
     hand_motion: float
     """Distance that a hand's centre moves per second of the duration, in semitones, mean over both
-    hands. The centre, midway between the lowest and the highest key of a chord or on a note that
-    is struck alone, moves from one to the next; a hand that does not play does not move."""
+    hands. The centre is midway between the lowest and highest key of a chord, and moves from one
+    chord or single note to the next. A resting hand does not move."""
     pitch_range: tuple[int, int]
     """The lowest and the highest MIDI pitch."""
 
 
 def features(score: Score) -> Features:
-    """Return the features of a score.
+    """Compute the features of a score.
 
-    Hands are those of the notes; where any is unknown, they are assigned as for fingering.
+    The notes' own hands are used; if any is unknown, all are assigned as for fingering.
     """
     duration = score.duration - score.notes[0].onset
     is_handed = all(note.hand is not None for note in score.notes)
@@ -88,7 +87,7 @@ def features(score: Score) -> Features:
 
 
 def _pressed_time(notes: Iterable[Note]) -> float:
-    """Return the time for which keys are pressed, summed over the keys, in s."""
+    """Sum the time for which keys are pressed over the keys, in s."""
     total = 0.0
     pressed_until: dict[int, float] = {}
     for note in notes:
@@ -100,7 +99,7 @@ def _pressed_time(notes: Iterable[Note]) -> float:
 
 
 def _held(notes: Iterable[Note]) -> Iterator[list[int]]:
-    """Yield the pitches that are held after each strike."""
+    """Yield the pitches held after each strike."""
     held: list[Note] = []
     for note in notes:
         held = [
@@ -114,7 +113,7 @@ def _held(notes: Iterable[Note]) -> Iterator[list[int]]:
 
 
 def _travel(notes: Sequence[Note]) -> float:
-    """Return how far one hand's centre moves altogether, in semitones."""
+    """Sum the distances that one hand's centre moves, in semitones."""
     chords = [[notes[index].pitch for index in chord] for chord in struck_together(notes)]
     centres = [(min(chord) + max(chord)) / 2 for chord in chords]
     return sum(abs(end - start) for start, end in itertools.pairwise(centres))
@@ -124,21 +123,21 @@ def _travel(notes: Sequence[Note]) -> float:
 class MotionFeatures:
     """Amount of motion in a performance, per control step.
 
-    Performances compare if they have the same action space and length of a control step.
+    Compare only performances with the same action space and control time step.
     """
 
     action_variance: float
-    """Variance over the steps of each component of the action, as a mean over the components."""
+    """Variance of each action component over the steps, as a mean over the components."""
     hand_motion: float
-    """Absolute motion of a joint of the hands from one step to the next, as a mean over steps
-    and joints; rad, of the two sliders m."""
+    """Absolute motion of a hand joint between two steps, as a mean over steps and joints; rad, and
+    m for the two sliders."""
     fingertip_motion: float
-    """Motion of a fingertip from one step to the next, as a mean over steps and the ten
-    fingertips, in m."""
+    """Motion of a fingertip between two steps, as a mean over steps and the ten fingertips, in
+    m."""
 
 
 def mean_motion(several: Sequence[MotionFeatures]) -> MotionFeatures:
-    """Return the means over several performances of one piece, at least one."""
+    """Average the features over several performances of one piece, at least one."""
     names = [field.name for field in fields(MotionFeatures)]
     means = {name: float(np.mean([getattr(one, name) for one in several])) for name in names}
     return MotionFeatures(**means)
@@ -148,21 +147,21 @@ _SCORE_WEIGHTS = {"average_polyphony": 0.25, "maximum_polyphony": 0.15, "onset_d
 _MOTION_WEIGHTS = {"action_variance": 0.10, "hand_motion": 0.10, "fingertip_motion": 0.10}
 
 _CONSTANT = 1e-9
-"""A feature that varies less than this, relative to its size, is constant but for rounding."""
+"""A feature with less spread than this, relative to its size, is constant but for rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difficulty:
-    """Rank of a piece by difficulty among others."""
+    """Difficulty of a piece relative to others."""
 
     score: float
-    """D of the formula: 0 for the average piece, the higher the harder."""
+    """D of the formula: 0 for the average piece, higher is harder."""
     rank: int
-    """Its place among the pieces, 1 for the easiest; those of equal score share the lowest."""
+    """Place among the pieces, 1 for the easiest; equal scores share the lowest place."""
     percentile: float
-    """Its percentile rank, above 0 and up to 100: the place as a share of the number of pieces, in
-    %; of equal scores the mean place. (The paper's percentiles are multiples of 1/303, as those of
-    303 pieces are.)"""
+    """Percentile rank, above 0 and up to 100: the place as a share of the number of pieces, in %.
+    Equal scores share the mean place. (The paper's percentiles are multiples of 1/303, as with 303
+    pieces.)"""
 
 
 def rank(
@@ -170,17 +169,16 @@ def rank(
 ) -> dict[str, Difficulty]:
     """Rank pieces by difficulty.
 
-    A z-score is a difference from the pieces' mean in standard deviations (of the population); of a
-    feature that is the same for all it is 0. So every value depends on all pieces ranked with it,
-    and z-scores over some of them do not compare with those over others: recordings are of all
-    pieces, or of none. What ``motion``, the features of recorded performances, has of other pieces
-    is ignored.
+    A z-score is a difference from the pieces' mean in (population) standard deviations; a feature
+    that is the same for all has 0. So each value depends on all ranked pieces, and values of
+    different rankings are not comparable: record all pieces, or none. ``motion`` has the features
+    of recorded performances; other pieces in it are ignored.
 
     Returns:
         The difficulty of each piece by its name, the easiest first, equal ones by name.
 
     Raises:
-        ConfigError: If a piece has no recorded performance, but `motion` is given.
+        ConfigError: If `motion` is given, but lacks a piece.
     """
     names = sorted(features)
     if not names:
@@ -216,7 +214,7 @@ def _check_recorded(names: Sequence[str], motion: Mapping[str, MotionFeatures]) 
 
 
 def _ranked(names: Sequence[str], scores: FloatArray) -> dict[str, Difficulty]:
-    # Equal pieces may differ by rounding, as sums over others do.
+    # Sums round differently for equal pieces.
     scores = scores.round(9) + 0.0
     in_order = np.sort(scores)
     below = np.searchsorted(in_order, scores, side="left")

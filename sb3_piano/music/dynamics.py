@@ -1,9 +1,9 @@
-"""Dynamics: how loud a note is, as the speed of its key and as MIDI's velocity.
+"""Map the speed of a key to MIDI velocity, the loudness of a note.
 
-Loudness is heard in ratios, so that the map is logarithmic: velocity = 62 + 25 log2(speed), with
-the speed in rad/s. Of 1,948 strikes in four pieces on two physics profiles, the sight-reader's have
-0.47 to 2.68 rad/s, velocities of 35 to 98, and the planner's 0.56 to 3.34, velocities of 41 to 106
-(5 to 95 %). The page in the browser has the same map (``web/src/music/dynamics.ts``).
+Hearing is logarithmic, and so is the map: velocity = 62 + 25 log2(speed), with the speed in rad/s.
+In 1,948 strikes of four pieces on two physics profiles, the sight-reader's have 0.47 to 2.68 rad/s,
+velocities of 35 to 98, and the planner's 0.56 to 3.34, velocities of 41 to 106 (5 to 95 %). The
+browser page uses the same map (``web/src/music/dynamics.ts``).
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from __future__ import annotations
 import math
 
 AT_ONE = 62
-"""MIDI velocity of a key that is struck with 1 rad/s."""
+"""MIDI velocity of a key struck at 1 rad/s."""
 
 PER_DOUBLING = 25
-"""Difference of velocity between a speed and twice that."""
+"""Difference of velocity for twice the speed."""
 
 SOFTEST, LOUDEST = 1, 127
 
 
 def velocity_of(speed: float) -> int:
-    """Return the MIDI velocity of a strike, 1 to 127.
+    """Convert a key's speed to the MIDI velocity of its strike, 1 to 127.
 
     Args:
         speed: Angular speed of the key as it begins to sound, rad/s.

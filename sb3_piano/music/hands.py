@@ -1,4 +1,4 @@
-"""Hands, and fingers by hand."""
+"""The two hands, and their fingers by number."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ HANDS: tuple[Hand, Hand] = ("right", "left")
 
 
 def hand_of_finger(finger: int) -> Hand | None:
-    """Return the hand that a finger (0-9) belongs to; None for an unknown one (-1)."""
+    """Return the hand of a finger (0-9), or None for an unknown one (-1)."""
     return None if finger == UNKNOWN_FINGER else HANDS[finger // FINGERS_PER_HAND]
 
 
 def finger_of(hand: Hand, number: int) -> int:
-    """Return the finger (0-9) with the pianists' number (1 thumb to 5 little) of a hand."""
+    """Return the finger (0-9) of a hand by the pianists' number (1 thumb to 5 little)."""
     return HANDS.index(hand) * FINGERS_PER_HAND + number - 1
 
 
@@ -34,5 +34,5 @@ def finger_number(finger: int) -> int:
 
 
 def likely_hand(pitch: int) -> Hand:
-    """Return the hand of a MIDI pitch where nothing else tells: the right from middle C (60) on."""
+    """Guess the hand of a MIDI pitch: the right from middle C (60) up."""
     return "right" if pitch >= 60 else "left"

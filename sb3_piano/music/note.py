@@ -1,4 +1,4 @@
-"""One note, and one press of the sustain pedal."""
+"""A note, and a press of the sustain pedal."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ _RANGES = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Note:
-    """One note: which key, when, how hard, with which finger or at least which hand.
+    """A note: key, times, velocity, and the finger or at least the hand.
 
     Attributes:
-        onset: When the key is struck, in s, finite and at least 0.
-        offset: When the key is let go, in s, finite and later than `onset`.
+        onset: Time of the strike, in s, finite and at least 0.
+        offset: Time of the release, in s, finite and later than `onset`.
         pitch: MIDI pitch, 21 (A0) to 108 (C8).
-        velocity: How hard the key is struck, 1-127.
+        velocity: MIDI velocity of the strike, 1-127.
         finger: 0-4 right hand thumb to little, 5-9 left hand thumb to little, -1 unknown.
-        hand: "right", "left" or None if unknown, as in a file that says which hand plays, but not
-            with which finger. A finger that is known decides, whatever is given.
+        hand: "right", "left", or None if unknown. A file may give the hand without the finger. The
+            hand of a known finger replaces `hand`.
 
     Raises:
         ScoreError: If a value is not a number or out of its range.
@@ -67,22 +67,22 @@ class Note:
 
     @property
     def key(self) -> int:
-        """The key of the piano that this note strikes, 0-87."""
+        """The note's key on the piano, 0-87."""
         return self.pitch - MIN_PITCH
 
     @property
     def duration(self) -> float:
-        """Time for which the key is held, s."""
+        """Time between strike and release, s."""
         return self.offset - self.onset
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pedal:
-    """One press of the sustain pedal.
+    """A press of the sustain pedal.
 
     Attributes:
-        onset: When the pedal goes down, in s, finite and at least 0.
-        offset: When it comes up, in s, finite and later than `onset`.
+        onset: Time at which the pedal goes down, in s, finite and at least 0.
+        offset: Time at which it comes up, in s, finite and later than `onset`.
 
     Raises:
         ScoreError: If a time is not a number or out of its range.
@@ -96,7 +96,7 @@ class Pedal:
 
 
 def located_note(where: str, **fields: Any) -> Note:
-    """Make a note whose error, if it is refused, says where it stands: ``"Note 3 of 'etude'"``.
+    """Create a note; an error names its place: ``"Note 3 of 'etude'"``.
 
     Raises:
         ScoreError: If `Note` refuses the values.
@@ -109,7 +109,7 @@ def located_note(where: str, **fields: Any) -> Note:
 
 
 def merge_pedals(pedals: Iterable[Pedal]) -> tuple[Pedal, ...]:
-    """Sort presses by time and join those that overlap or touch."""
+    """Sort presses by time, and join overlapping or touching ones."""
     merged: list[Pedal] = []
     for pedal in sorted(pedals, key=lambda pedal: (pedal.onset, pedal.offset)):
         if merged and pedal.onset <= merged[-1].offset:
@@ -125,7 +125,7 @@ def _check_times(event: Note | Pedal) -> None:
         value = getattr(event, name)
         if not isinstance(value, Real) or not math.isfinite(value) or value < 0:
             raise ScoreError(f"{name.capitalize()} {value!r} is no time: expected seconds from 0.")
-        # Plain floats, so that times taken from numpy arrays print and pickle as numbers.
+        # Plain floats, so that times from NumPy arrays print and pickle as numbers.
         object.__setattr__(event, name, float(value))
     if event.offset <= event.onset:
         raise ScoreError(f"Offset {event.offset} s is not after onset {event.onset} s.")

@@ -1,4 +1,4 @@
-"""A piece that has a name: what is known about it before its score is made."""
+"""A named piece: its description, and how to make its score."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from sb3_piano.music.score import Score
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """A piece that :func:`~sb3_piano.music.load_score` and ``gymnasium.make`` know by name.
+    """A piece with a name for :func:`~sb3_piano.music.load_score` and ``gymnasium.make``.
 
     Attributes:
-        name: Its full name, which starts with the name of its collection and a hyphen if it comes
-            with the package: ``"scale-CMajor"``; its id is ``"RoboPianist-scale-CMajor-v0"``.
-        title: What people call it: ``"C major scale"``.
-        collection: What it belongs to: ``"debug"``, ``"scale"``, ``"repertoire"``...
-        source: Where its notes come from, in one line.
-        fingering: Who chose the fingers, in a word or two: ``"standard"``, ``"ours"``...
-        build: Makes the score; takes the options as keyword arguments.
-        options: What may be chosen: the meaning of each option, in one line, by its name.
-        composer: Who wrote it, for people; empty where that is not known.
+        name: Its full name. That of a built-in piece starts with its collection and a hyphen:
+            ``"scale-CMajor"``; its id is ``"RoboPianist-scale-CMajor-v0"``.
+        title: Its readable title: ``"C major scale"``.
+        collection: Its collection: ``"debug"``, ``"scale"``, ``"repertoire"``...
+        source: Source of its notes, in one line.
+        fingering: Source of its fingering, in a word or two: ``"standard"``, ``"ours"``...
+        build: Function that makes the score; takes the options as keyword arguments.
+        options: The meaning of each option, in one line, by the option's name.
+        composer: The composer's readable name; empty if unknown.
     """
 
     name: str
@@ -36,11 +36,11 @@ class Piece:
     composer: str = ""
 
     def score(self, **options: Any) -> Score:
-        """Return the score.
+        """Make the score.
 
         Raises:
             ConfigError: If the piece has no such option, or a value is out of range.
-            ScoreError: If the score cannot be made, for instance of a damaged file.
+            ScoreError: If the score cannot be made, for instance from a damaged file.
         """
         for option in options:
             if option not in self.options:

@@ -1,4 +1,4 @@
-"""Names of pitches: ``C4`` is middle C, ``F#5``, ``Bb3``; double accidentals are read, too."""
+"""Names of pitches: ``C4`` is middle C, ``F#5``, ``Bb3``; double accidentals can be read."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _NAMES = ("C", "C#", "D", "Eb", "E", "F", "F#", "G", "Ab", "A", "Bb", "B")
 
 
 def pitch_number(name: str) -> int:
-    """Return the MIDI pitch of a name, 60 for ``"C4"``; it need not be on the keyboard.
+    """Parse the name of a MIDI pitch, 60 for ``"C4"``; it need not be on the keyboard.
 
     Raises:
-        ScoreError: If `name` is no such name.
+        ScoreError: If `name` is not the name of a pitch.
     """
     match = _PITCH.fullmatch(name)
     if match is None:
@@ -26,5 +26,5 @@ def pitch_number(name: str) -> int:
 
 
 def pitch_name(pitch: int) -> str:
-    """Return the name of a MIDI pitch, spelled as is most usual: ``"Eb4"`` and ``"F#4"``."""
+    """Return the name of a MIDI pitch in the usual spelling: ``"Eb4"`` and ``"F#4"``."""
     return f"{_NAMES[pitch % 12]}{pitch // 12 - 1}"

@@ -1,4 +1,4 @@
-"""Presses: keys with the fingers that hold them, from state to state."""
+"""Key presses with their fingers, from state to state of the simulation."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from sb3_piano.music.roll import PianoRoll
 
 @dataclass(frozen=True)
 class Press:
-    """A key held by a finger.
+    """A key press by a finger.
 
-    Control step t leads from state t to state t + 1, and what sounds in state t + 1 is compared
-    with the goal of step t: the key must be down in the states ``first`` to ``last``.
+    Control step t leads from state t to state t + 1, whose sound is compared with the goal of step
+    t. The key must be down in the states ``first`` to ``last``.
     """
 
     key: int
@@ -25,14 +25,14 @@ class Press:
     first: int
     """First state in which the key is down, 1 or more."""
     last: int
-    """Last one, ``first`` or more."""
+    """Last state in which the key is down, ``first`` or more."""
 
 
 def presses_of_hand(roll: PianoRoll, hand: int) -> list[Press]:
-    """Return what a hand, 0 (right) or 1 (left), has to play, in order of time, then key."""
+    """List the presses of a hand, 0 (right) or 1 (left), in order of time, then key."""
     presses = []
     for key in np.flatnonzero((roll.finger // FINGERS_PER_HAND == hand).any(axis=0)).tolist():
-        # A note that outlasts another one on its key sounds on with its own label: a new press.
+        # The rest of a note that outlasts another one on its key has its own label: a new press.
         finger = np.where(roll.active[:, key], roll.finger[:, key], UNKNOWN_FINGER)
         changes = np.flatnonzero((np.diff(finger) != 0) | roll.onset[1:, key]) + 1
         starts = np.concatenate([[0], changes]).tolist()

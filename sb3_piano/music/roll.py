@@ -1,4 +1,4 @@
-"""The piano roll: a score cut into control steps."""
+"""The piano roll: a score divided into control steps."""
 
 from __future__ import annotations
 
@@ -24,56 +24,56 @@ _S = Unit("s")
 _Timestep = Annotated[Number, Gt(0), _S]
 
 _DECIMALS = 6
-"""Decimals kept of a time in steps: 0.15 s / 0.05 s is 2.9999999999999996, meant as 3."""
+"""Decimals of a time in steps: 0.15 s / 0.05 s is 2.9999999999999996, meant as 3."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EarlyRelease:
-    """A note that its hand does not hold to its end, or does not strike, to play another."""
+    """A note that its hand releases early, or skips, to play another."""
 
     key: int
     """0 to 87."""
     finger: int
-    """The finger that would hold it, 0 to 9."""
+    """The note's finger, 0 to 9."""
     onset: int
     """Its first control step."""
     offset: int
     """The control step after its last one."""
     release: int
-    """From this control step on no finger holds it; ``onset`` if it is not struck at all."""
+    """First control step without the finger; ``onset`` if the note is skipped."""
     for_key: int
-    """The key that is played instead, 0 to 87."""
+    """The key that the hand plays instead, 0 to 87."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PianoRoll:
     """Keys and pedal due at each of T control steps. All arrays are read-only copies.
 
-    A note fills the steps floor(onset / dt) to ceil(offset / dt) - 1, at least one; T is
+    A note fills the steps floor(onset / dt) to ceil(offset / dt) - 1, at least one. T is
     floor(duration / dt) + 1, so a piece that ends on a step is followed by one silent step. Notes
-    are laid in order of onset; a later one overwrites the finger labels of an earlier one on its
+    are laid in order of onset; a later note overwrites the finger labels of an earlier one on its
     key.
 
-    A key struck again while it sounds, or at the step at which it would fall silent, is silent
-    for one step, else the second strike could not be seen. That step is the first of the new
-    note. The rest of the earlier note, if it outlasts the new one, sounds on with its own label.
+    A key may be struck again while it sounds, or at the step at which it would fall silent. It is
+    then silent for the first step of the new note, so that the second strike is visible. If the
+    earlier note outlasts the new one, the rest of it keeps its own label.
 
-    Source: RoboPianist's note trajectory, with one departure: RoboPianist erases a new note that
+    Source: RoboPianist's note trajectory, with one difference: RoboPianist erases a new note that
     lasts a single step. Here the silent step is then the last one before the new note. If the
-    earlier strike has sounded for that one step only, the two cannot be told apart and stay one.
-    The same holds for two strikes of one key within one step.
+    earlier strike has sounded for that one step only, the two merge into one. So do two strikes of
+    one key within one step.
 
     Attributes:
         control_timestep: Length of a step, dt, in s.
-        active: (T, 88) bool, whether the key should be down.
-        finger: (T, 88) int8, the label (0-9) of the note that sounds, -1 where there is none.
+        active: (T, 88) bool, whether the key is due.
+        finger: (T, 88) int8, the finger label (0-9) of the sounding note, -1 without one.
         onset: (T, 88) bool, the first active step of each strike.
-        onset_time: (n,) when each of the n strikes is due, in s, ordered by step, then key: the
-            onset of its note or, where a silent step comes in between, the beginning of its first
-            step. Left out, it is the beginning of that step for all.
-        sustain: (T,) bool, whether the sustain pedal should be down: from step
+        onset_time: (n,) due time of each of the n strikes, in s, ordered by step, then key: the
+            onset of its note, but no earlier than the strike's first step. By default, the
+            beginning of the first step of each strike.
+        sustain: (T,) bool, whether the sustain pedal is due: from step
             floor(onset / dt) until before step floor(offset / dt).
-        early_releases: Notes that have no finger label in (a part of) their steps, as the hands
+        early_releases: Notes without a finger label in some or all of their steps, as the hands
             cannot hold them beside others.
     """
 
@@ -107,13 +107,13 @@ class PianoRoll:
     def from_score(
         cls, score: Score, control_timestep: float, initial_buffer_time: float = 0.0
     ) -> PianoRoll:
-        """Cut a score into control steps.
+        """Divide a score into control steps.
 
         Args:
             score: The piece.
             control_timestep: Length of a step, in s, finite and above 0.
-            initial_buffer_time: Silence put in front, in s, finite and at least 0; rounded to
-                whole steps.
+            initial_buffer_time: Initial silence, in s, finite and at least 0; rounded to whole
+                steps.
 
         Raises:
             ConfigError: If one of the times is out of range.
@@ -161,7 +161,7 @@ class PianoRoll:
         return f"PianoRoll({len(self)} steps of {self.control_timestep:g} s, {strikes} strikes)"
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Pickling and deep-copying forget that an array was read-only.
+        # Pickling and deep-copying make arrays writable.
         self.__dict__.update(state)
         self._lock()
 
@@ -172,29 +172,29 @@ class PianoRoll:
 
     @property
     def unlabelled(self) -> NDArray[np.bool_]:
-        """Due keys without a finger label, but for notes that are released early, (T, 88) bool."""
+        """Due keys without a finger label, except notes released early, (T, 88) bool."""
         missing = self.active & (self.finger < 0)
         for one in self.early_releases:
             missing[one.release : one.offset, one.key] = False
         return missing
 
     def equals(self, other: PianoRoll) -> bool:
-        """Return whether another roll says the same; ``==`` asks whether it is the same object."""
+        """Return whether two rolls have equal content; ``==`` compares identity."""
         return self.control_timestep == other.control_timestep and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in _TYPES
         )
 
     def labelled_fingers(self) -> NDArray[np.bool_]:
-        """Return which fingers are labelled to press at each step, (T, 10) bool."""
+        """Return the fingers that should press at each step, by their labels, (T, 10) bool."""
         fingers = np.zeros((len(self), NUM_FINGERS), dtype=bool)
         steps, keys = np.nonzero(self.active & (self.finger >= 0))
         fingers[steps, self.finger[steps, keys]] = True
         return fingers
 
     def a_step_earlier(self) -> PianoRoll:
-        """Return the roll with all keys, but not the pedal, a control step earlier.
+        """Shift all keys, but not the pedal, by one control step to an earlier time.
 
-        A note of the first step loses a step, and one that is no longer than that is lost.
+        A note in the first step loses that step; a note of only that step is lost.
         """
         time = np.zeros(self.onset.shape)
         time[self.onset] = self.onset_time
@@ -220,21 +220,21 @@ class PianoRoll:
         )
 
     def strikes(self) -> list[tuple[int, int, float]]:
-        """Return the control step, the key and the time (s) of each strike, in order."""
+        """List the control step, the key and the time (s) of each strike, in order."""
         pairs = zip(np.argwhere(self.onset).tolist(), self.onset_time.tolist(), strict=True)
         return [(step, key, time) for (step, key), time in pairs]
 
     def due(self, step: int) -> tuple[NDArray[np.intp], NDArray[np.int8]]:
-        """Return what should sound at a step.
+        """Return the keys due at a step, and their fingers.
 
         Args:
             step: A control step, 0 to T - 1.
 
         Returns:
-            The n keys (0-87, ascending) that are due, and their n finger labels (-1 unlabelled).
+            The n due keys (0-87, ascending), and their n finger labels (-1 unlabelled).
 
         Raises:
-            IndexError: If there is no such step.
+            IndexError: If the roll has no such step.
         """
         if not 0 <= step < len(self):
             raise IndexError(f"Step {step} is outside the roll: expected 0 to {len(self) - 1}.")
@@ -247,7 +247,7 @@ class PianoRoll:
 
 
 class _Sheet:
-    """The arrays of a roll while its notes are laid, in order of onset."""
+    """The arrays of a roll under construction; notes are laid in order of onset."""
 
     def __init__(self, steps: int) -> None:
         self.active = np.zeros((steps, NUM_KEYS), dtype=bool)
@@ -256,18 +256,18 @@ class _Sheet:
         self._last_onset = [-1] * NUM_KEYS
 
     def lay(self, key: int, start: int, end: int, finger: int) -> int | None:
-        """Let `key` sound from step `start` until before `end`, as a strike of its own if it can.
+        """Let `key` sound from step `start` until before `end`, as a new strike if possible.
 
-        Whether a note is a new strike is seen from the step before it; `first` is the step at
-        which that strike becomes audible.
+        The step before a note decides whether it is a new strike; `first` is the step at which that
+        strike becomes audible.
 
         Returns:
-            The first step of the strike, or None if the note is none of its own.
+            The first step of the strike, or None if the note is no new strike.
         """
         last = self._last_onset[key]
         first, strikes, silent = start, True, None
         if start < last:
-            # A strike at this very step was laid before, and its silent step is this one.
+            # A strike at this step was laid before, and its silent step is this one.
             first, strikes = last, False
         elif start > 0 and self.active[start - 1, key]:
             if end - start > 1:
@@ -289,7 +289,7 @@ class _Sheet:
 
 
 def floor_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
-    """Return the steps in which the given times (s) lie; `_MAX_STEPS` for what lies beyond."""
+    """Return the steps of the given times (s); `_MAX_STEPS` for times beyond."""
     return np.floor(_in_steps(times, control_timestep)).astype(np.int64)
 
 
@@ -299,6 +299,6 @@ def _ceil_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
 
 
 def _in_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.float64]:
-    """Return times (s) as multiples of the control time step, rid of rounding noise."""
+    """Convert times (s) to multiples of the control time step, without rounding noise."""
     multiples = np.round(np.asarray(times, dtype=float) / control_timestep, _DECIMALS)
     return np.minimum(multiples, _MAX_STEPS)

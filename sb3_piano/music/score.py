@@ -1,4 +1,4 @@
-"""The score: what is to be played, and the transforms that make new scores from it."""
+"""The score, and transforms that make new scores from it."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from sb3_piano.text import printable
 
 @dataclass(frozen=True, init=False, repr=False)
 class Score:
-    """A piece of music in seconds, pitches and fingers; never changed, only replaced.
+    """An immutable piece of music: notes in seconds, pitches and fingers.
 
     Attributes:
         notes: The notes, sorted by onset, then pitch.
         pedals: The presses of the sustain pedal, sorted, without overlaps.
-        title: What the piece is called; used in messages and file names.
-        bars: When each bar begins, in s, finite, at least 0 and strictly increasing. Empty if
-            that is unknown. A bar that is under way at 0 s has no line. Scores that differ only
-            in their bars are equal: where the lines stand changes nothing about what is played.
+        title: Title of the piece, for messages and file names.
+        bars: Time at which each bar begins, in s, finite, at least 0 and strictly increasing;
+            empty if unknown. A bar that is under way at 0 s has no line. Bar lines do not affect
+            equality, since they change nothing about the notes.
 
     Raises:
-        ScoreError: If there are no notes, something in `notes` or `pedals` is of another type, or
-            a bar line is no time or not later than the one before.
+        ScoreError: If there are no notes, an item of `notes` or `pedals` has another type, or a bar
+            line is no time or not later than the one before.
     """
 
     notes: tuple[Note, ...]
@@ -46,13 +46,13 @@ class Score:
         title: str = "",
         bars: Iterable[float] = (),
     ) -> None:
-        """Sort the notes, and merge the presses of the pedal that overlap or touch."""
+        """Sort the notes, and merge overlapping or touching presses of the pedal."""
         notes, pedals = tuple(notes), tuple(pedals)
         _check_types(notes, Note, title)
         _check_types(pedals, Pedal, title)
         if not notes:
             raise ScoreError(f"Score {title!r} has no notes: expected at least one.")
-        # Written past the frozen dataclass, once, before anybody has seen the object.
+        # The dataclass is frozen; its fields are set once, here.
         object.__setattr__(self, "notes", tuple(sorted(notes, key=_order)))
         object.__setattr__(self, "pedals", merge_pedals(pedals))
         object.__setattr__(self, "title", printable(title))
@@ -60,10 +60,10 @@ class Score:
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Score:
-        """Return the score of which ``dataclasses.asdict`` gave the fields.
+        """Make a score from its fields as given by ``dataclasses.asdict``.
 
         Raises:
-            ScoreError: If they are not those of a score.
+            ScoreError: If they are not the fields of a score.
         """
         try:
             notes = [Note(**note) for note in fields["notes"]]
@@ -81,12 +81,12 @@ class Score:
 
     @property
     def duration(self) -> float:
-        """The end of the last note to be let go, in s."""
+        """Latest offset of a note, in s."""
         return max(note.offset for note in self.notes)
 
     @property
     def has_fingering(self) -> bool:
-        """Whether at least one note says which finger plays it."""
+        """Whether at least one note has a finger label."""
         return any(note.finger != UNKNOWN_FINGER for note in self.notes)
 
     @property
@@ -96,7 +96,7 @@ class Score:
         return min(pitches), max(pitches)
 
     def transpose(self, semitones: int) -> Score:
-        """Return the piece shifted up (or down, if negative) by `semitones`.
+        """Shift the piece up (or down, if negative) by `semitones`.
 
         Raises:
             ScoreError: If `semitones` is not a whole number or takes a note off the keyboard.
@@ -120,7 +120,7 @@ class Score:
         )
 
     def stretch(self, factor: float) -> Score:
-        """Return the piece played `factor` times as long: 2.0 is half as fast.
+        """Multiply all times by `factor`: 2.0 is half as fast.
 
         Raises:
             ScoreError: If `factor` is not finite and above 0, or leaves a note without length.
@@ -149,14 +149,14 @@ class Score:
         )
 
     def trim_silence(self) -> Score:
-        """Return the piece moved so that its first note starts at 0 s.
+        """Shift the piece so that its first note starts at 0 s.
 
-        Presses of the pedal and bar lines move along; what lies before 0 s is cut off.
+        Presses of the pedal and bar lines shift too; the part before 0 s is cut off.
         """
         return self.excerpt(self.notes[0].onset, math.inf)
 
     def excerpt(self, start: float, end: float) -> Score:
-        """Return the notes struck from `start` up to, not including, `end`.
+        """Cut out the notes struck from `start` up to, not including, `end`.
 
         Notes and presses of the pedal that last beyond `end` are cut there. A note struck before
         `start` is left out; a pedal pressed before is kept from `start` on. Bar lines are kept
@@ -194,7 +194,7 @@ class Score:
 
 
 def _order(note: Note) -> tuple[float, int, float, int, str, int]:
-    """Sort by onset and pitch; the rest makes the order of simultaneous notes definite."""
+    """Sort key: onset and pitch; the rest makes the order of simultaneous notes definite."""
     return note.onset, note.pitch, note.offset, note.finger, note.hand or "", note.velocity
 
 
@@ -224,9 +224,9 @@ def _checked_bars(bars: Iterable[object], title: str) -> tuple[float, ...]:
 
 
 def digest(score: Score) -> str:
-    """Return the SHA-256 of what is to be played: notes and pedals, times to a microsecond.
+    """Compute the SHA-256 of notes and pedals, with times to a microsecond.
 
-    Title and bar lines do not count. The text that is digested is JSON without spaces: a list of
+    Title and bar lines do not count. The hashed text is JSON without spaces: a list of
     [onset, offset, pitch, velocity, finger] for each note and one of [onset, offset] for each
     pedal, times in whole microseconds.
     """

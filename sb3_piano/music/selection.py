@@ -1,4 +1,4 @@
-"""Several pieces at once: names, patterns, collections, and lists in files."""
+"""Select several pieces by names, patterns, collections, and lists in files."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ _COMMENT = re.compile(r"(^|\s)#.*")  # not the one in "Prelude in C# minor.mid"
 
 
 def select_pieces(entries: Sequence[ScoreSource] | str | os.PathLike[str]) -> list[ScoreSource]:
-    """Return the pieces that entries stand for, in their order, each of them once.
+    """Expand entries to pieces, in their order and without duplicates.
 
-    Nothing is read but lists: a corpus of thousands is selected in no time.
+    Only lists are read, so selecting from a corpus of thousands is fast.
 
     Args:
         entries: One or more of: a score; the name of a piece; the path of a file; a pattern of
-            names (``"scale-*"``) or of paths (``"corpus/**/*.mid"``), whose pieces come in
-            the order of the alphabet; a collection (``"repertoire"``), as ``sb3-piano pieces list``
-            shows them; a text file with such an entry in each line, ``corpus.txt``, whose relative
-            paths begin at its folder; ``#`` at the start of a line or after a space begins a
+            names (``"scale-*"``) or of paths (``"corpus/**/*.mid"``), whose pieces are in
+            alphabetical order; a collection (``"repertoire"``), as ``sb3-piano pieces list`` shows
+            them; a text file, ``corpus.txt``, with such an entry in each line. Relative paths in
+            it begin at its folder. ``#`` at the start of a line or after a space begins a
             comment.
 
     Returns:
         Scores, full names of pieces and absolute paths.
 
     Raises:
-        ConfigError: If there is no entry, a list cannot be read, or nothing fits a pattern.
-        UnknownPieceError: If there is no piece or collection of a name, or it is to be imported.
+        ConfigError: If there is no entry, a list cannot be read, or nothing matches a pattern.
+        UnknownPieceError: If no piece or collection has a name, or the piece is not imported yet.
     """
     single = isinstance(entries, str) or not isinstance(entries, Sequence)
     several: Sequence[Any] = [entries] if single else entries  # type: ignore[assignment]
@@ -83,7 +83,7 @@ def _selected(entry: Any, folder: Path, known: Mapping[str, Piece]) -> Iterator[
 
 
 def _named(text: str, known: Mapping[str, Piece]) -> Iterator[str]:
-    """Yield the piece of a name, or those of a collection."""
+    """Yield the piece of a name, or all pieces of a collection."""
     if text in known:
         yield text
         return
@@ -96,12 +96,12 @@ def _named(text: str, known: Mapping[str, Piece]) -> Iterator[str]:
         near = near_names(text, {piece.collection for piece in known.values()})
         raise UnknownPieceError(f"{error} No collection is called so either.{near}") from error
     if piece.name not in known:
-        piece.score()  # which says how a piece of the PIG data set is imported
+        piece.score()  # raises an error that explains the import of the PIG data set
     yield piece.name
 
 
 def _files(text: str, folder: Path) -> Iterator[str]:
-    """Yield the file at a path, or those that fit a pattern; absolute paths."""
+    """Yield the absolute paths of a file, or of all files that match a pattern."""
     path = os.path.abspath(folder / os.path.expanduser(text))
     if not _WILD & set(text) or os.path.exists(path):  # a name may have brackets
         yield path
@@ -113,7 +113,7 @@ def _files(text: str, folder: Path) -> Iterator[str]:
 
 
 def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[ScoreSource]:
-    """Yield what a list in a file stands for; a file of the PIG data set is a piece itself."""
+    """Yield the entries of a list in a file, or the file itself if it is a PIG piece."""
     try:
         content = read_file(path)
         if looks_like_pig(content):
@@ -137,8 +137,8 @@ def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[ScoreSource]:
             yield from _selected(entry, path.parent, known)
 
 
-def told_apart(titles: Iterable[str]) -> list[str]:
-    """Return titles of which no two are the same: the second "a" is "a (2)"."""
+def unique_titles(titles: Iterable[str]) -> list[str]:
+    """Make titles unique by numbers: the second "a" becomes "a (2)"."""
     found: dict[str, None] = {}
     for title in titles:
         name, number = title, 2

@@ -1,4 +1,4 @@
-"""From a score to its sound."""
+"""Synthesise the sound of a score."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from sb3_piano.music.score import Score
 from sb3_piano.settings import Number, Unit, checked
 
 SAMPLE_RATE = 48_000
-"""Samples per second of all sound; the synthesiser knows no other."""
+"""Samples per second of all sound; the synthesiser supports no other rate."""
 
 _TAIL = 1.0
-"""Time in which the last note rings out, s."""
+"""Time for the last note to fade, s."""
 
 _GAIN = 5.0 / 32_768
-"""Factor of the synthesiser's samples of 16 bits, which leave room for all keys struck at once: a
-piece with notes of velocity 80 has its peak at about half of full scale."""
+"""Factor of the synthesiser's 16-bit samples, which leave room for all keys at once: a piece with
+notes of velocity 80 peaks at about half of full scale."""
 
 _PEAK = 0.9
-"""Highest amplitude; what would be louder is scaled down to it, so that nothing is clipped."""
+"""Highest amplitude; louder sound is scaled down to it, so that nothing is clipped."""
 
 _MAX_DURATION = 3600.0
 """Longest sound, s; 0.7 GB."""
@@ -43,23 +43,23 @@ pretty_midi takes."""
 
 
 def synthesize(score: Score | None, *, at_least: float = 0.0) -> NDArray[np.float32]:
-    """Play a score on the grand piano of the SoundFont that pretty_midi ships.
+    """Render a score with the grand piano of pretty_midi's SoundFont.
 
-    A note sounds until its key is let go, or until the pedal is, if that is later; and at most
-    until its key is struck again. A note is as loud as its velocity says, half the velocity being
-    12 dB softer, in every piece alike; only what would be clipped is made softer throughout.
+    A note sounds until the release of its key or of the pedal, whichever is later, but at most
+    until its key is struck again. Velocity sets the loudness, equally in all pieces: half the
+    velocity is 12 dB softer. A sound that would clip is made softer throughout.
 
     Args:
         score: The piece; ``None`` is silence.
-        at_least: The least length of the sound, s; what is missing is silence at the end.
+        at_least: Minimum length of the sound, s; it is padded with silence at the end.
 
     Returns:
         (n, 2) float32, left and right, ``SAMPLE_RATE`` a second, in [-0.9, 0.9]; a second longer
         than the last note, or than the pedal that holds it.
 
     Raises:
-        ConfigError: If the length is no time.
-        ScoreError: If the sound would last longer than an hour.
+        ConfigError: If the length is not a finite number, 0 or more.
+        ScoreError: If the sound would be longer than an hour.
     """
     from scipy.io import wavfile  # here, because it takes long
 
@@ -83,11 +83,11 @@ def synthesize(score: Score | None, *, at_least: float = 0.0) -> NDArray[np.floa
 
 
 def write_wav(path: str | os.PathLike[str], samples: NDArray[np.float32]) -> None:
-    """Write sound as a WAV file of 16 bits, whole or not at all.
+    """Write sound as a 16-bit WAV file, atomically.
 
     Args:
         path: The file; its folder must exist.
-        samples: (n, channels) floating-point numbers in [-1, 1], ``SAMPLE_RATE`` a second.
+        samples: (n, channels) floats in [-1, 1], ``SAMPLE_RATE`` a second.
 
     Raises:
         ScoreError: If the file cannot be written.
@@ -106,20 +106,20 @@ def _soundfont() -> bytes:
 
 
 def _end(score: Score) -> float:
-    """Return when the last string is damped, s."""
+    """Return the time at which the last string is damped, s."""
     held = (pedal.offset for pedal in score.pedals if pedal.onset <= score.duration)
     return max([score.duration, *held])
 
 
 def _midi_bytes(score: Score, end: float) -> bytes:
-    """Return a MIDI file of one channel, on which alone a pedal acts, that lasts until ``end``."""
+    """Write a MIDI file of one channel, whose pedal acts on it alone, that lasts until ``end``."""
     piano = pretty_midi.Instrument(program=0)
     struck_again: dict[int, int] = {}
     tick = 1 / _TICKS_PER_SECOND
     for note in reversed(score.notes):
         onset, offset = in_ticks(note, tick)
         offset = min(offset, struck_again.get(note.pitch, offset))
-        if offset > onset:  # of two strikes at one time the longer one is heard
+        if offset > onset:  # of two simultaneous strikes the longer one is heard
             times = onset * tick, offset * tick
             piano.notes.append(pretty_midi.Note(note.velocity, note.pitch, *times))
         struck_again[note.pitch] = onset

@@ -1,4 +1,4 @@
-"""Reading files that a user names."""
+"""Read files that a user names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 def read_whole(text: str) -> int | None:
-    """Return the number that digits stand for; ``None`` for other text, and from 10 digits on.
+    """Parse a number of at most 9 digits; return ``None`` for other text.
 
     Python itself refuses numbers of thousands of digits, with an error that names no file.
     """
@@ -24,12 +24,12 @@ def read_whole(text: str) -> int | None:
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether files of that name are none of the user's: macOS packs "._" copies of all."""
+    """Return whether a file name is hidden, or one of macOS's "._" copies."""
     return name.startswith((".", "__MACOSX"))
 
 
 def read_text(path: Path, kind: str) -> str:
-    """Return the text of a file in UTF-8, without a byte order mark; messages tell its kind.
+    """Read a UTF-8 text file, without a byte order mark; ``kind`` is for messages.
 
     Raises:
         ScoreError: If there is no such file, or it cannot be read as text.
@@ -40,10 +40,10 @@ def read_text(path: Path, kind: str) -> str:
 
 @contextlib.contextmanager
 def reading(path: Path, kind: str, expected: str) -> Iterator[None]:
-    """Say of a file that cannot be read which one it is, and why.
+    """Context manager that turns any error into a ``ScoreError`` with the file and the reason.
 
     Raises:
-        ScoreError: If there is no such file, or anything is raised meanwhile.
+        ScoreError: If there is no such file, or the block raises an error.
     """
     if not os.path.isfile(path):  # which also answers for a name that no file can have
         raise ScoreError(f"There is no {kind} {str(path)!r}: expected an existing file.")
@@ -52,14 +52,14 @@ def reading(path: Path, kind: str, expected: str) -> Iterator[None]:
     except ScoreError:
         raise
     except Exception as error:
-        # A damaged file surfaces as whatever the parsers happen to stumble over.
+        # Parsers raise any error for a damaged file.
         raise ScoreError(
             f"Cannot read {str(path)!r} as a {kind} ({one_line(error)}): expected {expected}."
         ) from error
 
 
 def read_field(where: str, name: str, text: str, convert: Callable[[str], T], expected: str) -> T:
-    """Return what the text of a field stands for, by a function that may raise ValueError.
+    """Convert the text of a field by a function that may raise ValueError.
 
     Raises:
         ScoreError: If it is not valid.

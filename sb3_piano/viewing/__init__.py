@@ -1,4 +1,4 @@
-"""Pictures of the simulation: single ones, videos with sound, a window."""
+"""Pictures of the simulation: single images, videos with sound, a window."""
 
 from sb3_piano.viewing.film import film, moments
 from sb3_piano.viewing.frame_renderer import FrameRenderer

@@ -1,4 +1,4 @@
-"""Captions: the title and the F1 so far on a picture."""
+"""Write captions on pictures: the title and the F1 so far."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ if TYPE_CHECKING:
     from PIL import ImageFont
 
 _LEAST_HEIGHT = 160
-"""Pictures of fewer rows have no caption: nobody could read it."""
+"""Pictures with fewer rows have no caption, as it would be illegible."""
 
 _INK, _SHADE = (235, 235, 240), (0, 0, 0)
 
 
 def write_caption(picture: npt.NDArray[np.uint8], title: str, f1: float | None) -> None:
-    """Write the title, and the F1 unless it is ``None``, on the upper edge of a picture.
+    """Write the title, and the F1 unless it is ``None``, at the top of a picture.
 
     Args:
-        picture: (height, width, 3) uint8, is changed.
-        title: On the left, shortened to half of the width, or left out if nothing fits there.
+        picture: (height, width, 3) uint8, changed in place.
+        title: On the left, shortened to half of the width, or omitted if that is too short.
         f1: On the right.
     """
     height, width, _ = picture.shape
     if height < _LEAST_HEIGHT:
         return
-    from PIL import Image, ImageDraw  # here, as environments import this, too
+    from PIL import Image, ImageDraw  # here, to keep importing environments fast
 
     size = height // 22
     strip = Image.fromarray(picture[: 2 * size])
@@ -47,7 +47,7 @@ def write_caption(picture: npt.NDArray[np.uint8], title: str, f1: float | None) 
 
 @functools.lru_cache(maxsize=4)
 def _font(size: int) -> ImageFont.FreeTypeFont:
-    """Return the font that matplotlib brings, which has the letters of composers' languages."""
+    """Load matplotlib's font, which has the letters of composers' languages."""
     import matplotlib  # here: 0.2 s for a path
     from PIL import ImageFont
 

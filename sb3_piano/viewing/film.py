@@ -1,4 +1,4 @@
-"""Pictures of takes, drawn afterwards from how everything moved."""
+"""Draw the pictures of takes, from their recorded motion."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 def moments(take: Take) -> Iterator[Moment]:
-    """Return the moments of a take: its start, and the end of each control step.
+    """Yield the moments of a take: its start, and the end of each control step.
 
-    At the start the keys of the first step are due, later those of the step just played.
+    The first moment shows the first step's due keys, each later one those of the step just played.
     """
     scene, roll = take.scene, take.piano.roll
     played = take.piano.key_active
@@ -41,7 +41,7 @@ def moments(take: Take) -> Iterator[Moment]:
 def film(
     take: Take, picture: Picture = DEFAULT_PICTURE
 ) -> Generator[npt.NDArray[np.uint8], None, None]:
-    """Draw a take as the environment's ``render`` would have drawn it at every step.
+    """Draw a take as the environment's ``render`` draws every step.
 
     Returns:
         t + 1 pictures, (height, width, 3) uint8; picture k shows time ``k * take.period``.

@@ -1,4 +1,4 @@
-"""Pictures of a scene, drawn without a screen."""
+"""Draw pictures of a scene without a screen."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from sb3_piano.viewing.moment import Color
 from sb3_piano.viewing.note_bars import Bar
 
 _MOST_BARS = 500
-"""Falling notes of one picture; what is beyond is left out."""
+"""Limit of falling notes in one picture; the rest is left out."""
 
 _GLOW = 0.35
-"""Light that coloured keys and bars give themselves, so that shadows leave them bright."""
+"""Emission of coloured keys and bars, so that they stay bright in shadows."""
 
 _HOW_TO_INSTALL = (
     "Install an OpenGL library, for instance with 'apt-get install libosmesa6' or 'apt-get install "
     "libegl1' on Debian, and choose it with MUJOCO_GL=osmesa or MUJOCO_GL=egl if both are there. "
-    "Everything but pictures works without."
+    "Everything except pictures works without it."
 )
 
 
 class FrameRenderer:
-    """Draws a scene into RGB arrays.
+    """Draws a scene as RGB arrays.
 
     Raises:
         RenderingError: If this machine cannot draw; the message says what to install.
@@ -49,16 +49,16 @@ class FrameRenderer:
         plain: bool = False,
         samples: int = 4,
     ):
-        """Open a drawing context of so many pixels.
+        """Open a drawing context of the given size.
 
         Args:
-            scene: What is drawn.
+            scene: The scene to draw.
             width: Pixels.
             height: Pixels.
-            camera: A camera of the scene; without one, ``self.camera`` may be placed freely.
-            plain: Without shadows and with jagged edges, in a seventh of the time where there is no
+            camera: A camera of the scene; without one, place ``self.camera`` freely.
+            plain: Draw without shadows and with jagged edges, in a seventh of the time without a
                 graphics card.
-            samples: Samples of a pixel, unless it is plain: 4 for smooth edges, or 0.
+            samples: Samples of a pixel, unless plain: 4 for smooth edges, or 0.
         """
         self._scene = scene
         self._rect = mujoco.MjrRect(0, 0, width, height)
@@ -79,24 +79,24 @@ class FrameRenderer:
     def render(
         self, data: mujoco.MjData, colors: Mapping[int, Color], bars: Sequence[Bar] = ()
     ) -> npt.NDArray[np.uint8]:
-        """Draw one picture, (height, width, 3) uint8, of a state of the simulation.
+        """Draw a picture, (height, width, 3) uint8, of a state of the simulation.
 
         Args:
             data: The state.
-            colors: RGBA by the id of a geom; the others have their own.
-            bars: What is drawn besides.
+            colors: RGBA by the id of a geom; other geoms keep their own colours.
+            bars: Falling notes to add.
         """
         drawn, everything = self._drawn, mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(
             self._scene.model, data, self._option, None, self.camera, everything, drawn
         )
-        for geom in drawn.geoms[: drawn.ngeom]:  # the model itself keeps its colours
+        for geom in drawn.geoms[: drawn.ngeom]:  # does not change the model's own colours
             if geom.objtype == int(mujoco.mjtObj.mjOBJ_GEOM) and geom.objid in colors:
                 geom.rgba[:] = colors[geom.objid]
                 geom.emission = _GLOW
         add_bars(drawn, bars)
         pixels = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
-        # Not earlier: a renderer that is garbage collected makes its own context current.
+        # Not earlier, as a garbage-collected renderer makes its own context current.
         self._gl.make_current()
         mujoco.mjr_render(self._rect, drawn, self._context)
         mujoco.mjr_readPixels(pixels, None, self._rect, self._context)
@@ -109,7 +109,7 @@ class FrameRenderer:
 
 
 def add_bars(drawn: mujoco.MjvScene, bars: Sequence[Bar]) -> None:
-    """Add bars to what is drawn, as many as there is room for."""
+    """Add bars to a drawn scene, up to its limit of geoms."""
     room = drawn.maxgeom - drawn.ngeom
     for bar in bars[:room]:
         geom = drawn.geoms[drawn.ngeom]
@@ -128,19 +128,19 @@ def add_bars(drawn: mujoco.MjvScene, bars: Sequence[Bar]) -> None:
 def _contexts(
     model: mujoco.MjModel, width: int, height: int, samples: int
 ) -> tuple[Any, mujoco.MjrContext]:
-    """Return an OpenGL context of the backend that this machine offers, and MuJoCo's in it."""
+    """Open an OpenGL context with this machine's backend, and MuJoCo's context in it."""
     backend = find_gl_backend()
     if backend not in ("egl", "osmesa", "glfw"):
         reason = "no OpenGL library was found" if backend is None else f"MUJOCO_GL is {backend!r}"
         raise RenderingError(f"Cannot draw the scene: {reason}. {_HOW_TO_INSTALL}")
     quality, font = model.vis.quality, mujoco.mjtFontScale.mjFONTSCALE_150.value
     usual, quality.offsamples = quality.offsamples, samples
-    with warnings.catch_warnings(record=True) as said:  # GLFW fails silently, having warned why
+    with warnings.catch_warnings(record=True) as said:  # GLFW fails silently after a warning
         try:
             gl = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
             gl.make_current()
             return gl, mujoco.MjrContext(model, font)
-        except Exception as error:  # each backend fails in its own way: ImportError, OSError, ...
+        except Exception as error:  # backends raise different errors: ImportError, OSError, ...
             reason = str(said[0].message) if said else one_line(error)
             raise RenderingError(
                 f"Cannot draw the scene with the OpenGL backend {backend!r} ({reason}). "

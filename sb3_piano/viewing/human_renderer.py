@@ -1,4 +1,4 @@
-"""A window on the screen that shows a performance: MuJoCo's viewer."""
+"""Show a performance in a window, MuJoCo's viewer."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ _EXPECTED = (
     "no screen."
 )
 _one_window = threading.Lock()
-"""Held while a window is open: GLFW crashes where two threads have one each."""
+"""Held while a window is open: GLFW crashes if two threads have one each."""
 
 _ASPECT = 16 / 9
-"""Width of the window by its height, about."""
+"""Approximate ratio of the window's width to its height."""
 
 
 class HumanRenderer:
     """Shows moments of performances of one scene in MuJoCo's viewer, in real time.
 
-    The mouse turns and zooms the view. A slow machine falls behind; nothing is left out. Once
-    somebody has closed the window, nothing is shown any more.
+    The mouse turns and zooms the view. A slow machine falls behind; nothing is left out. After the
+    user has closed the window, nothing is shown.
 
     Args:
-        scene: What is shown, a copy of it.
+        scene: The scene to show; it is copied.
         fps: Moments a second.
-        view: How the window shows it at first.
+        view: The initial view.
 
     Raises:
-        RenderingError: If there is no screen, or another window is open; the message says what to
-            do.
+        RenderingError: If there is no screen, or another window is open; the message gives the
+            remedy.
     """
 
     def __init__(self, scene: PianoScene, *, fps: float, view: View = "stage"):
@@ -68,17 +68,17 @@ class HumanRenderer:
             raise
         self._is_open = True
         self._threads = set(threading.enumerate()) - before
-        atexit.register(self.close)  # as MuJoCo's thread crashes if the interpreter ends around it
+        atexit.register(self.close)  # MuJoCo's thread crashes if the interpreter ends before it
 
     def _launch(self) -> Any:
         check_screen()
-        from mujoco import viewer  # noqa: TID251  here, as without a screen it may fail already
+        from mujoco import viewer  # noqa: TID251  here, as importing it may fail without a screen
 
         try:
             return viewer.launch_passive(
                 self._stage.model, self._data, show_left_ui=False, show_right_ui=False
             )
-        except RuntimeError as error:  # macOS demands another Python
+        except RuntimeError as error:  # macOS needs another Python, mjpython
             raise RenderingError(f"Cannot open a window: {error}.") from error
 
     @property
@@ -88,11 +88,11 @@ class HumanRenderer:
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The model that is shown, with the colours of the last moment."""
+        """The shown model, with the colours of the last moment."""
         return self._stage.model
 
     def render(self, roll: PianoRoll, title: str, moment: Moment) -> None:
-        """Show a moment, ``1 / fps`` s after the one before; arguments as of other renderers."""
+        """Show a moment, ``1 / fps`` s after the one before; same arguments as other renderers."""
         del title
         if not self.is_running:
             return
@@ -132,7 +132,7 @@ class HumanRenderer:
 
 
 def check_screen() -> None:
-    """Refuse to go on where no window can be opened; MuJoCo would wait for ever.
+    """Check that a window can be opened, as MuJoCo would wait for ever.
 
     Raises:
         RenderingError: If there is no screen, or it cannot draw.
@@ -144,10 +144,10 @@ def check_screen() -> None:
             f"set). {_EXPECTED}"
         )
     if sys.platform == "darwin":
-        return  # a window may only be opened by MuJoCo's own Python
+        return  # only MuJoCo's own Python may open a window
     import glfw
 
-    with warnings.catch_warnings(record=True) as reasons:  # that is how glfw tells its errors
+    with warnings.catch_warnings(record=True) as reasons:  # glfw reports errors as warnings
         warnings.simplefilter("always")
         glfw.init()
         glfw.window_hint(glfw.VISIBLE, glfw.FALSE)

@@ -1,4 +1,4 @@
-"""A moment of a performance, and the colours in which it is shown."""
+"""A moment of a performance, and its colours."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from sb3_piano.simulation import PianoScene
 Color = tuple[float, float, float, float]
 """RGBA, each from 0 to 1."""
 
-# Okabe and Ito's palette, which people with colour-blindness can tell apart, without its greens:
-# green says that a key sounds.
+# Okabe and Ito's palette for colour-blind people, without its greens: green means that a key
+# sounds.
 _THUMB_TO_LITTLE = (
     (0.84, 0.37, 0.00, 1.0),  # vermillion
     (0.00, 0.45, 0.70, 1.0),  # blue
@@ -28,38 +28,38 @@ FINGER_COLORS = _THUMB_TO_LITTLE * 2
 """RGBA of each finger label 0-9: the same for both hands, thumb to little finger."""
 
 UNLABELLED_COLOR = (0.55, 0.55, 0.62, 1.0)
-"""RGBA of a key that is due without a finger label."""
+"""RGBA of a due key without a finger label."""
 
 PRESSED_COLOR = (0.13, 0.72, 0.25, 1.0)
-"""RGBA of a key that sounds and should, and of its note."""
+"""RGBA of a key that sounds rightly, and of its note."""
 
 WRONG_COLOR = (0.80, 0.03, 0.10, 1.0)
-"""RGBA of a key that sounds and should not."""
+"""RGBA of a key that sounds wrongly."""
 
 MISSED_COLOR = (0.30, 0.30, 0.33, 1.0)
-"""RGBA of a note that is due while its key is silent."""
+"""RGBA of a due note whose key is silent."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moment:
-    """State of the scene at one time, as a picture shows it."""
+    """State of the scene at one time, for a picture."""
 
     qpos: FloatArray
     """(nq,) joint positions, rad or m."""
     step: int
-    """Control steps that are over."""
+    """Finished control steps."""
     due: npt.NDArray[np.intp]
-    """(n,) keys that should be down."""
+    """(n,) due keys."""
     fingers: npt.NDArray[np.int8]
-    """(n,) finger label of each of them, -1 where unknown."""
+    """(n,) finger label of each due key, -1 where unknown."""
     sounding: BoolArray | None
-    """(88,) keys that sound; ``None`` if right and wrong are not to be told apart."""
+    """(88,) keys that sound; ``None`` to draw right and wrong keys alike."""
     f1: float | None = None
-    """F1 of the steps so far; ``None`` for no figure."""
+    """F1 of the steps so far; ``None`` to show no number."""
 
 
 def finger_color(finger: int) -> Color:
-    """Return the RGBA of a finger label, which may be -1, unknown."""
+    """Return the RGBA of a finger label, also of -1, unknown."""
     return FINGER_COLORS[finger] if finger >= 0 else UNLABELLED_COLOR
 
 
@@ -70,9 +70,9 @@ def geom_colors(
     fingers: npt.NDArray[np.integer[Any]],
     sounding: BoolArray | None,
 ) -> dict[int, Color]:
-    """Return the RGBA of fingertips, due keys and sounding keys by the id of their geom.
+    """Return the RGBA of fingertips, due keys and sounding keys by geom id.
 
-    What is due and what sounds is as in :class:`Moment`.
+    See :class:`Moment` for the arguments.
     """
     tips = zip(scene.fingertip_geom.tolist(), scene.fingers.tolist(), strict=True)
     colors = {geom: finger_color(finger) for geom, finger in tips}

@@ -1,4 +1,4 @@
-"""Falling notes: bars above the keys that come down onto them as they fall due."""
+"""Falling notes: bars that come down onto the keys as the notes fall due."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ _HALF_WIDTH = {False: 0.0098, True: 0.0048}
 """Half the width of a bar, m, by whether its key is black."""
 _HALF_DEPTH = 0.004
 _GAP = 0.0015
-"""What a bar is shortened by at each end, m, so that repeated notes are apart."""
+"""Shortening of a bar at each end, m, which separates repeated notes."""
 
 _PAST, _COMING = 1.0, 2.0
-"""What a view that follows the music has in sight of it, s before and after now."""
+"""Range of music in a view that follows it, s before and after now."""
 _LEAST_STRETCH, _LEAST_FOLLOWED = 0.5, 0.25
-"""Least width of the keys in sight, m, of the whole piece and of a view that follows."""
+"""Least width of the visible keys, m, for the whole piece and for a view that follows."""
 
 
 class Bar(NamedTuple):
     """A box in the scene."""
 
     centre: tuple[float, float, float]
-    """Its place, m."""
+    """Its centre, m."""
     half: tuple[float, float, float]
-    """Half of its edges, m."""
+    """Half lengths of its edges, m."""
     color: Color
     """Its RGBA."""
 
@@ -46,9 +46,9 @@ class Stretch(NamedTuple):
     """A part of the keyboard."""
 
     middle: float
-    """Place along the keyboard, m."""
+    """Position of the middle along the keyboard, m."""
     width: float
-    """Distance of its ends, m."""
+    """Distance between its ends, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +56,19 @@ class NoteBars:
     """The notes of a roll over the keys of a scene."""
 
     roll: PianoRoll
-    """What should be played."""
+    """The roll that is due."""
     notes: Presses
-    """The runs of steps in which keys are due."""
+    """Runs of steps in which keys are due."""
     key_y: FloatArray
-    """(88,) places of the keys along the keyboard, m."""
+    """(88,) positions of the keys along the keyboard, m."""
     whole: Stretch
-    """Keys of the piece."""
+    """The part of the keyboard that the piece uses."""
     near: tuple[FloatArray, FloatArray]
-    """Middles and widths, (t + 1,) m each, of what is due around each control step."""
+    """Middles and widths, (t + 1,) m each, of the due keys around each control step."""
 
     @classmethod
     def over(cls, scene: PianoScene, roll: PianoRoll) -> NoteBars:
-        """Lay the notes of a roll over the keys of a scene."""
+        """Place the notes of a roll above the keys of a scene."""
         key_y = scene.key_boxes[0][:, 1]
         used = key_y[roll.active.any(axis=0)]
         ends = (used.min(), used.max()) if len(used) else (key_y[0], key_y[-1])
@@ -81,10 +81,10 @@ class NoteBars:
         )
 
     def at(self, step: int, sounding: BoolArray | None) -> list[Bar]:
-        """Return the bars after so many control steps.
+        """Return the bars after a number of control steps.
 
-        Once the first step of a note is over, its bar tells whether its key is among the (88,) that
-        sound, unless these are ``None``.
+        After the first step of a note, its bar is coloured by whether its key is among the (88,)
+        sounding keys, unless these are ``None``.
         """
         first, end, period = self.notes.first, self.notes.end, self.roll.control_timestep
         seen = np.flatnonzero((end > step) & ((first - step) * period < _AHEAD))
@@ -110,7 +110,7 @@ class NoteBars:
         return bars
 
     def followed(self, step: int) -> Stretch:
-        """Return what is due around the time after so many control steps."""
+        """Return the part of the keyboard that is due around a time, in control steps."""
         middle, width = self.near
         step = min(step, len(middle) - 1)
         return Stretch(float(middle[step]), float(width[step]))
@@ -121,8 +121,8 @@ def _stretch(low: float, high: float, least: float) -> Stretch:
 
 
 def _near(roll: PianoRoll, key_y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the middles and the widths of what is due around each time, moving smoothly."""
-    # Here, as environments import this, too, and it takes 0.3 s.
+    """Compute middles and widths of the due keys around each time, with smooth changes."""
+    # Here, as it takes 0.3 s and environments import this module.
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
     due = roll.active.any(axis=1)
@@ -132,7 +132,7 @@ def _near(roll: PianoRoll, key_y: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.full(len(steps), whole.middle), np.full(len(steps), whole.width)
     lowest, highest = roll.active.argmax(axis=1), roll.active[:, ::-1].argmax(axis=1)
     window = round((_PAST + _COMING) / roll.control_timestep)
-    # A filter looks as far back as ahead, unless it is moved.
+    # A filter is symmetric unless its origin is moved.
     origin = -round((_COMING - _PAST) / 2 / roll.control_timestep)
     ends = []
     for place, widest in (

@@ -1,4 +1,4 @@
-"""Pictures of a performance: the stage, falling notes and a caption."""
+"""Draw pictures of a performance: the stage, falling notes and a caption."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class PerformanceRenderer:
     """
 
     def __init__(self, scene: PianoScene, *, width: int, height: int, view: View):
-        """Open a drawing context of so many pixels."""
+        """Open a drawing context of the given size."""
         self._stage = staged(scene)
         self._size = width, height
         self._aspect = width / height
         self._view: View = view
         self._data = mujoco.MjData(self._stage.model)
-        # Drawn larger and then made smaller, edges are as smooth as of four samples a pixel, in two
-        # thirds of the time where there is no graphics card; as far as the drawing context goes.
+        # Drawing larger and scaling down is as smooth as four samples a pixel, and takes two thirds
+        # of the time without a graphics card; the size of the drawing context is limited.
         large = round(_FINER * width), round(_FINER * height)
         finer = large[0] <= _LARGEST[0] and large[1] <= _LARGEST[1]
         size, samples = (large, 0) if finer else (self._size, 4)
@@ -44,12 +44,12 @@ class PerformanceRenderer:
         self._bars: NoteBars | None = None
 
     def render(self, roll: PianoRoll, title: str, moment: Moment) -> npt.NDArray[np.uint8]:
-        """Draw one picture, (height, width, 3) uint8.
+        """Draw a picture, (height, width, 3) uint8.
 
         Args:
-            roll: What should be played; drawn faster if it is the one of the last picture.
+            roll: The roll that is due; faster if it is the one of the last picture.
             title: Title of the score.
-            moment: What is seen.
+            moment: The moment to show.
         """
         if self._bars is None or self._bars.roll is not roll:
             self._bars = NoteBars.over(self._stage, roll)
@@ -63,7 +63,7 @@ class PerformanceRenderer:
         bars = notes.at(moment.step, moment.sounding) if SHOTS[self._view].bars else ()
         drawn = self._renderer.render(self._data, colors, bars)
         if drawn.shape[1::-1] != self._size:
-            from PIL import Image  # here, as environments import this, too
+            from PIL import Image  # here, to keep importing environments fast
 
             smaller = Image.fromarray(drawn).resize(self._size, Image.Resampling.BILINEAR)
             drawn = np.array(smaller)
@@ -76,7 +76,7 @@ class PerformanceRenderer:
 
 
 def pose(scene: PianoScene, data: mujoco.MjData, qpos: FloatArray) -> None:
-    """Put everything in its place for joint positions, (nq,); cameras and lights too."""
+    """Set joint positions, (nq,), and compute the poses of bodies, cameras and lights."""
     data.qpos[:] = qpos
     mujoco.mj_kinematics(scene.model, data)
     mujoco.mj_camlight(scene.model, data)

@@ -1,7 +1,7 @@
-"""The stage: a scene as it is shown, with a piano around the keys and hands with rounded shapes.
+"""The stage: a scene for pictures, with a piano around the keys and rounded hands.
 
-It has the joints of the scene, so that joint positions of one are those of the other. All shapes
-are made from numbers; none of them collides, and the scene that is simulated has none of them.
+It has the joints of the scene, so that joint positions fit both. All shapes are generated from
+numbers. None of them collides, and the simulated scene has none of them.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ _FELT, _LANE = (0.55, 0.05, 0.08, 1.0), (0.13, 0.13, 0.15, 1.0)
 _INVISIBLE = (0.0, 0.0, 0.0, 0.0)
 
 _ENDS = 0.66
-"""Distance of the piano's ends from its middle, m; that of the keys' is 0.61."""
+"""Distance of the piano's ends from its middle, m; for the keys it is 0.61."""
 
 PANEL = -0.0925
-"""Front of the panel above the keys, x in m: before it the notes come down."""
+"""Front of the panel above the keys, x in m; notes fall in front of it."""
 PANEL_FOOT, PANEL_TOP = 0.045, 0.62
-"""Heights between which the panel is seen, m."""
+"""Lower and upper edge of the visible panel, m."""
 
-# The least A, and with it the beginnings of octaves: a line on the panel before each C.
+# The keys start at A: the panel has a line before each C, where octaves begin.
 _FIRST_C, _OCTAVE = 3, 12
 _HALF_WHITE = 0.01175
 
 _LACQUER = "lacquer"
 
 FIELD_OF_VIEW = 16.0
-"""Angle between the lower and the upper edge of a picture, degrees: small, so that bars above the
-keys are almost parallel."""
+"""Vertical field of view of a picture, degrees: small, so that bars above the keys are almost
+parallel."""
 
 # Box, centre, half size (m): x towards the player, y to the treble, z up.
 _FURNITURE: dict[str, tuple[_Vector, _Vector]] = {
@@ -58,7 +58,7 @@ _FURNITURE: dict[str, tuple[_Vector, _Vector]] = {
 
 
 def staged(scene: PianoScene) -> PianoScene:
-    """Return a scene for the eye with the joints of ``scene``; equal scenes share one."""
+    """Return the stage of a scene, with the same joints; equal scenes share one."""
     return _staged(**scene.options)
 
 
@@ -73,9 +73,9 @@ def _staged(**options: Any) -> PianoScene:
 
 
 def _light(world: mujoco.MjSpec) -> None:
-    """Dim the room, and let one lamp cast shadows."""
+    """Dim the room, and add one lamp that casts shadows."""
     world.visual.global_.fovy = FIELD_OF_VIEW
-    # Boxes of fewer triangles look alike, and pictures take a fifth less time without a GPU.
+    # Boxes with fewer triangles look the same, and save a fifth of the time without a GPU.
     world.visual.quality.numquads = 1
     world.visual.quality.shadowsize = 768
     head = world.visual.headlight
@@ -104,7 +104,7 @@ def _light(world: mujoco.MjSpec) -> None:
 
 
 def _furnish(world: mujoco.MjSpec, keys: list[float]) -> None:
-    """Add an upright piano around keys, given where they are along the keyboard, m."""
+    """Add an upright piano around keys at given positions along the keyboard, m."""
     world.add_material(name=_LACQUER, rgba=[0.035, 0.033, 0.037, 1.0], specular=0.6, shininess=0.7)
     for name, (centre, half) in _FURNITURE.items():
         _add_box(world, name, centre, half, material=_LACQUER)
@@ -116,7 +116,7 @@ def _furnish(world: mujoco.MjSpec, keys: list[float]) -> None:
 
 
 def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
-    """Hide a hand's colliders, but for the fingertips, under rounded shapes, if it has some."""
+    """Hide a hand's colliders, except the fingertips, under its rounded shapes, if it has any."""
     look = read_look(spec)
     if look is None:
         return
@@ -142,14 +142,14 @@ def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
 
 
 def _surface(ball: Ball, mirror: FloatArray) -> list[float]:
-    """Return points on an ellipsoid, one coordinate after the other; MuJoCo takes their hull."""
+    """Return points on an ellipsoid as a flat list of coordinates; MuJoCo computes their hull."""
     points = mirror * np.array(ball.centre) + np.array(ball.radii) * _sphere()
     return [float(value) for value in points.ravel()]
 
 
 @functools.cache
 def _sphere(rows: int = 7) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return points on a sphere of radius 1, (n, 3), about equally far apart."""
+    """Return nearly equidistant points on a sphere of radius 1, (n, 3)."""
     points = []
     for row in range(rows):
         polar = math.pi * (row + 0.5) / rows

@@ -1,4 +1,4 @@
-"""The stage, which is what videos show of a scene, for those who draw it without MuJoCo."""
+"""Export the stage, the scene of videos, for drawing without MuJoCo."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 
 
 def stage_files(scene: PianoScene) -> tuple[dict[str, Any], bytes]:
-    """Return the shapes to draw, and the numbers of their meshes.
+    """Return the shapes to draw, and the binary data of their meshes.
 
     Returns:
-        ``geoms``: what is seen, with the name of the body that it moves with, type, size, pos, quat
-        (MuJoCo's, w first), rgba, for a mesh its index, and for a fingertip its finger, from 0, the
-        thumb. ``meshes``: for each of them where in
-        the bytes its ``vertices`` and ``faces`` are, [offset in bytes, count of numbers].
+        ``geoms``: visible geoms, each with the name of its body, type, size, pos, quat (MuJoCo's, w
+        first), rgba, for a mesh its index, and for a fingertip its finger, from 0, the thumb.
+        ``meshes``: for each of them the location of its ``vertices`` and ``faces`` in the bytes,
+        [offset in bytes, count of numbers].
 
         The bytes: float32 vertices, (n, 3) m, and uint16 faces, (m, 3) indices of vertices.
     """
@@ -34,7 +34,7 @@ def stage_files(scene: PianoScene) -> tuple[dict[str, Any], bytes]:
         for name, numbers in zip(("vertices", "faces"), _mesh(model, mesh), strict=True):
             entry[name] = [size, numbers.size]
             content = numbers.tobytes()
-            padded = content + bytes(-len(content) % 4)  # every array begins where a float32 may
+            padded = content + bytes(-len(content) % 4)  # aligns every array for float32
             parts.append(padded)
             size += len(padded)
         meshes.append(entry)
@@ -67,10 +67,10 @@ def _rgba(model: mujoco.MjModel, geom: int) -> Any:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Any, Any]:
-    """Return the corners of a mesh's hull, float32, and its triangles, uint16."""
+    """Return the vertices of a mesh's hull, float32, and its triangles, uint16."""
     first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
     faces = model.mesh_face[first : first + count]
-    used, numbered = np.unique(faces, return_inverse=True)  # what is inside has no triangle
+    used, numbered = np.unique(faces, return_inverse=True)  # inner vertices have no triangle
     vertices = model.mesh_vert[int(model.mesh_vertadr[mesh]) + used]
     return vertices.astype("<f4"), numbered.reshape(faces.shape).astype("<u2")
 

@@ -1,4 +1,4 @@
-"""Takes: one performance each, with how everything moved, how good it was, and who played where."""
+"""Takes: recorded performances with their motion, metrics and origin."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SUFFIX = ".npz"
 
 _FORMAT = 1
 _MOST_BYTES = 2**28
-"""Most bytes of a file's arrays: a control step has less than 3000."""
+"""Most bytes of a file's arrays; a control step takes less than 3000."""
 
 _OF_PERFORMANCE = (
     "key_active",
@@ -54,20 +54,20 @@ _EXPECTED = "Expected a file that 'sb3-piano play' or 'evaluate --motion' wrote.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """Everything that moved in T control steps, and the actions that led to it."""
+    """Motion of T control steps, and the actions that caused it."""
 
     actions: Float32Array
-    """(T, n) the action of each step, as it reached the bare environment."""
+    """(T, n) the action of each step in the bare environment."""
     qpos: FloatArray
     """(T + 1, nq) all joint positions at the start and after each step, rad or m."""
     hand_qpos: IntArray
-    """(m,) where in a row of ``qpos`` the hands' joints stand; the others are keys."""
+    """(m,) columns of ``qpos`` with the hands' joints; the others are keys."""
     fingertips: FloatArray
     """(T + 1, 10, 3) world positions of the fingertips at the same times, in the order of finger
-    labels, m. Those of a hand that is not there stay where they are."""
+    labels, m. They are constant for a missing hand."""
 
     def features(self) -> MotionFeatures:
-        """Return how much moved.
+        """Compute the amounts of motion.
 
         Raises:
             ConfigError: If the arrays do not fit together, or a value is not finite.
@@ -83,10 +83,10 @@ class Motion:
         )
 
     def check(self) -> None:
-        """Refuse arrays that do not fit together, or have a value that is not finite.
+        """Check that the arrays fit together and have only finite values.
 
         Raises:
-            ConfigError: If they do.
+            ConfigError: If they do not.
         """
         rows, hands = len(self.actions) + 1, self.hand_qpos
         expected = (rows, NUM_FINGERS, 3)
@@ -109,44 +109,44 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Take:
-    """One performance: what sounded, how everything moved, how good it was, who played, and where.
+    """A recorded performance: sound, motion, metrics, player and environment.
 
-    Takes are what roll-outs yield. One with a motion has a file, which :meth:`write` writes and
-    commands read in place of a player.
+    Roll-outs yield takes. One with a motion can be written to a file by :meth:`write`, which
+    commands accept in place of a player.
     """
 
     title: str = ""
     """Title of the piece; empty if the environment is no piano."""
     metrics: Mapping[str, float]
-    """``return``, ``length`` in steps and, of pianos, the music metrics and the sums of the
+    """``return``, ``length`` in steps and, for pianos, the music metrics and the sums of the
     reward's weighted terms, by their names in ``info``."""
     performance: Performance | None = None
-    """What sounded, beside what should have; ``None`` if the environment is no piano."""
+    """Sound and due notes; ``None`` if the environment is no piano."""
     motion: Motion | None = None
-    """How everything moved, likewise."""
+    """The motion; ``None`` likewise."""
     scene_options: Mapping[str, Any] = field(default_factory=dict)
-    """Arguments of :func:`~sb3_piano.simulation.compile_scene` for where it was played."""
+    """Arguments of :func:`~sb3_piano.simulation.compile_scene` for its scene."""
     player: str = ""
-    """Who played, as the text of a :class:`~sb3_piano.players.PlayerSpec`."""
+    """The player, as the text of a :class:`~sb3_piano.players.PlayerSpec`."""
     env: Mapping[str, Any] = field(default_factory=dict)
-    """Where: id, options and wrappers of the environment, in JSON's types."""
+    """Id, options and wrappers of the environment, in JSON's types."""
     seed: int | None = None
     """The seed of the roll-out."""
     versions: Mapping[str, str] = field(default_factory=dict)
-    """Versions of the packages that played."""
+    """Versions of the packages it was played with."""
     written_score: Score | None = None
-    """The notes to be heard in place of those that were played, if there are any."""
+    """Notes to hear in place of the played ones, if any."""
     judged: bool = True
-    """Whether pictures tell right from wrong: keys that sound, and the F1 so far."""
+    """Whether pictures show right and wrong keys, and the F1 so far."""
 
     @functools.cached_property
     def scene(self) -> PianoScene:
-        """The scene in which it was played."""
+        """The scene of the performance."""
         return compile_scene(**self.scene_options)
 
     @functools.cached_property
     def score(self) -> Score | None:
-        """The notes that are heard; ``None`` if no key was pressed."""
+        """The audible notes; ``None`` if no key was pressed."""
         if self.written_score is not None or self.performance is None:
             return self.written_score
         return self.performance.to_score()
@@ -156,7 +156,7 @@ class Take:
         """The performance of a piano.
 
         Raises:
-            RunError: If nothing of that kind was played.
+            RunError: If the environment was no piano.
         """
         if self.performance is None or self.motion is None:
             raise RunError("This take is of no piano: expected one with a performance and motion.")
@@ -170,7 +170,7 @@ class Take:
 
     @property
     def period(self) -> float:
-        """Time from one picture to the next, s."""
+        """Time between two pictures, s."""
         return self.piano.roll.control_timestep
 
     @property
@@ -200,7 +200,7 @@ class Take:
         write_midi(self.score, path)
 
     def save_wav(self, path: str | os.PathLike[str]) -> None:
-        """Write the sound, as loud as the keys were struck.
+        """Write the sound, with the loudness of the strikes.
 
         Raises:
             ScoreError: If the file cannot be written.
@@ -221,16 +221,16 @@ class Take:
     def save_report(
         self, path: str | os.PathLike[str], *, replay: bool = False, **about: Any
     ) -> None:
-        """Write an HTML page of what was played; ``replay`` shows it in three dimensions, too.
+        """Write an HTML page about the performance, optionally with a replay in three dimensions.
 
         Args:
             path: The file.
-            replay: Whether to add the player of three dimensions.
-            **about: Fields of :class:`~sb3_piano.viewing.report.Report` that say more, such as
+            replay: Whether to add the replay in three dimensions.
+            **about: Further fields of :class:`~sb3_piano.viewing.report.Report`, such as
                 ``baseline`` and ``facts``.
 
         Raises:
-            ConfigError: If the package was installed without the player of replays.
+            ConfigError: If this installation lacks the replay's script.
         """
         from sb3_piano.viewing.report import Report, report_html
         from sb3_piano.viewing.report.replay import player_script, replay_of
@@ -253,7 +253,7 @@ class Take:
         ]
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: who played how well, and the sound."""
+        """Return the view of a notebook: player, metrics, and the sound."""
         with scratch_folder() as folder:
             sound = Path(folder, "sound.wav")
             self.save_wav(sound)
@@ -263,7 +263,7 @@ class Take:
         return f"<p>{html.escape(text)}</p>{player}"
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the take, in place of a file that is there.
+        """Write the take to a file; an existing one is replaced.
 
         Raises:
             ConfigError: If the file cannot be written.
@@ -290,10 +290,10 @@ class Take:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Take:
-        """Return the take of a file. One of version 0.2 has a title and the motion alone.
+        """Read a take from a file. A file of version 0.2 has only title and motion.
 
         Raises:
-            ConfigError: If there is no such file, or it is no take.
+            ConfigError: If there is no such file, or it is not a take.
         """
         if not os.path.isfile(path):
             raise ConfigError(f"There is no take '{path}': expected an existing {SUFFIX} file.")
@@ -307,7 +307,7 @@ class Take:
                 return cls(title=str(arrays["title"]), metrics={}, motion=motion)
             header = json.loads(arrays["header"].tobytes())
             return cls._of_file(header, arrays, motion)
-        except Exception as error:  # a damaged archive surfaces as whatever zipfile and NumPy raise
+        except Exception as error:  # zipfile and NumPy raise any error for a damaged archive
             said = one_line(error).rstrip(".")
             raise ConfigError(f"'{path}' is no take: {said}. {_EXPECTED}") from error
 
@@ -343,7 +343,7 @@ class Take:
 
 
 Progress = Callable[[int, int], object]
-"""Called with the number of pictures drawn so far, and of all."""
+"""Called with the number of finished pictures, and the total."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -357,23 +357,23 @@ class Played:
     wav: Path
     """The sound."""
     take: Path | None
-    """The take itself, which commands read; ``None`` if nobody played."""
+    """The take itself, which commands read; ``None`` without a player."""
     video: Path | None
-    """The video with sound; ``None`` if it was not asked for or cannot be drawn here."""
+    """The video with sound; ``None`` if not requested or not possible here."""
     problem: str | None
-    """Reason why a video that was asked for could not be made."""
+    """Reason why a requested video could not be made."""
 
 
 def write_take(
     take: Take, base: Path, picture: Picture | None, progress: Progress | None = None
 ) -> Played:
-    """Write a take's MIDI file, itself, its sound and its video, in place of former ones.
+    """Write a take's MIDI file, the take, its sound and its video; existing ones are replaced.
 
     Args:
-        take: What to write.
-        base: The files' path without their suffixes; its folder is made if it is not there.
-        picture: How the video looks; ``None`` for no video.
-        progress: Called with the number of pictures drawn so far, and of all.
+        take: The take to write.
+        base: Path of the files without their suffixes; its folder is created if missing.
+        picture: Size and view of the video; ``None`` for no video.
+        progress: Called with the number of finished pictures, and the total.
 
     Raises:
         RunError: If the folder cannot be written.
@@ -411,10 +411,10 @@ def write_take(
 
 
 def show_take(take: Take, *, view: View = "stage") -> None:
-    """Show a take in a window, in real time and without sound, until it is over or closed.
+    """Show a take in a window, in real time and without sound, until it ends or is closed.
 
     Raises:
-        RenderingError: If there is no screen; the message says what to do.
+        RenderingError: If there is no screen; the message gives the remedy.
     """
     renderer = HumanRenderer(take.scene, fps=1 / take.period, view=view)
     with contextlib.closing(renderer):

@@ -1,4 +1,4 @@
-"""Video files: H.264 pictures with AAC sound, written by the ffmpeg that imageio-ffmpeg brings."""
+"""Write video files: H.264 pictures with AAC sound, by imageio-ffmpeg's ffmpeg."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FFMPEG = (
 )
 
 _QUALITY = "20"
-"""x264's constant rate factor: 0 loses nothing, 51 is worst, 18 to 23 look good."""
+"""x264's constant rate factor: 0 is lossless, 51 is worst, 18 to 23 look good."""
 
 
 def write_video(
@@ -38,20 +38,20 @@ def write_video(
     *,
     progress: Callable[[int], object] | None = None,
 ) -> None:
-    """Write pictures, as they come, and sound as an MP4 file, whole or not at all.
+    """Write a stream of pictures, and sound, as an MP4 file, atomically.
 
-    The sound is cut, or filled up with silence, to the length of the pictures.
+    The sound is cut or padded with silence to the length of the pictures.
 
     Args:
         path: The file; its folder must exist.
         frames: (height, width, 3) uint8 each.
         fps: Pictures per second.
         audio: A sound file that starts with the first picture; ``None`` for a silent video.
-        size: Width and height in pixels, both even, as the format demands.
-        progress: Is called after each picture with the number of pictures so far.
+        size: Width and height in pixels, both even for this format.
+        progress: Called after each picture with the number of pictures so far.
 
     Raises:
-        ConfigError: If size or pictures per second are out of range, or there is no such sound.
+        ConfigError: If size or pictures per second are out of range, or the sound file is missing.
         RenderingError: If there are no pictures, one has another size, or ffmpeg fails.
     """
     path = Path(path)
@@ -73,7 +73,7 @@ def write_video(
                     progress(count)
             if count == 0:
                 raise RenderingError(f"Cannot write '{path}': there are no pictures.")
-        # Only now it is known for how long there has to be sound.
+        # The length of the sound is known only now.
         with _ffmpeg_running(path, _muxing(silent, audio, count / rate, whole)):
             pass
         if not whole.exists() or whole.stat().st_size == 0:
@@ -82,9 +82,9 @@ def write_video(
 
 
 def _encoding(path: Path, rate: Fraction, size: tuple[int, int]) -> list[str]:
-    """Return the arguments that make a video of the pictures that come in through a pipe.
+    """Return ffmpeg's arguments to encode pictures from a pipe.
 
-    Paths are absolute: of a relative one ffmpeg takes what is before a colon for a protocol.
+    Paths are absolute, as ffmpeg reads the part of a relative path before a colon as a protocol.
     """
     pictures = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}"]
     source = [*pictures, "-r", str(rate), "-i", "pipe:0"]
@@ -95,7 +95,7 @@ def _encoding(path: Path, rate: Fraction, size: tuple[int, int]) -> list[str]:
 def _muxing(
     silent: Path, audio: str | os.PathLike[str] | None, duration: Fraction, path: Path
 ) -> list[str]:
-    """Return the arguments that put sound of a duration in s, if any, beside the pictures."""
+    """Return ffmpeg's arguments to add sound, if any, cut to a duration in s."""
     sources = ["-i", os.path.abspath(silent)]
     sound = []
     if audio is not None:
@@ -107,7 +107,7 @@ def _muxing(
 
 @contextlib.contextmanager
 def _ffmpeg_running(path: Path, arguments: list[str]) -> Iterator[IO[bytes]]:
-    """Run ffmpeg as long as the context lasts, and give its input; end it after an error."""
+    """Context manager that runs ffmpeg and yields its input; ends it after an error."""
     with tempfile.TemporaryFile() as messages:
         program = _ffmpeg()
         try:
@@ -116,7 +116,7 @@ def _ffmpeg_running(path: Path, arguments: list[str]) -> Iterator[IO[bytes]]:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=messages,
-                start_new_session=True,  # Ctrl-C is for us to answer
+                start_new_session=True,  # this process handles Ctrl-C
             )
         except OSError as error:
             raise RenderingError(
@@ -124,7 +124,7 @@ def _ffmpeg_running(path: Path, arguments: list[str]) -> Iterator[IO[bytes]]:
             ) from error
         assert process.stdin is not None, "a pipe was asked for"
         try:
-            with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended and says why
+            with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended; its messages say why
                 yield process.stdin
                 process.stdin.close()
             process.wait()

@@ -1,4 +1,4 @@
-"""Views: from where a performance is seen."""
+"""Views: cameras for a performance."""
 
 from __future__ import annotations
 
@@ -33,30 +33,30 @@ class Picture:
     height: Annotated[Whole, Ge(2), Le(1080), MultipleOf(2), _EVEN] = 480
     """Pixels, even, at most 1080."""
     view: View = "stage"
-    """Where it is seen from: "stage", "close", "top" or "roll"."""
+    """Name of the view: "stage", "close", "top" or "roll"."""
 
 
 DEFAULT_PICTURE = Picture()
-"""A video of 480p from over the pianist's shoulders."""
+"""A 480p video from over the pianist's shoulders."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """A camera that has a part of the keyboard in sight."""
+    """A camera that shows a part of the keyboard."""
 
     azimuth: float
-    """Direction in which it looks, degrees: 180 is from the player to the keys."""
+    """Direction of view, degrees: 180 is from the player to the keys."""
     elevation: float
-    """Degrees; below 0 it looks down."""
+    """Elevation of view, degrees; below 0 is down."""
     x: float
     z: float
-    """What it looks at, m: across the keys, and the height."""
+    """Target point, m: across the keys, and the height."""
     margin: float
-    """Width in sight beside the keys, m."""
+    """Visible width beside the keys, m."""
     height: float
-    """Least height in sight, m."""
+    """Least visible height, m."""
     follows: bool = False
-    """Whether it goes along with the music; else it has the keys of the whole piece in sight."""
+    """Whether it follows the music; otherwise it shows all keys of the piece."""
     bars: bool = True
     """Whether it shows falling notes."""
 
@@ -80,12 +80,12 @@ SHOTS: Mapping[View, Shot] = {
 
 
 def place_camera(camera: mujoco.MjvCamera, view: View, stretch: Stretch, aspect: float) -> None:
-    """Move a free camera to where a view has a stretch of the keyboard in sight.
+    """Move a free camera so that a view shows a part of the keyboard.
 
     Args:
         camera: A camera for the stage.
         view: The view.
-        stretch: Keys that have to be in sight.
+        stretch: The part of the keyboard to show.
         aspect: Width of the picture by its height.
     """
     shot = SHOTS[view]

@@ -17,7 +17,7 @@ from sb3_piano.music import Score, find_piece, select_pieces
 from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.difficulty import Features, features
 from sb3_piano.music.library.store import piece_features
-from sb3_piano.music.selection import told_apart
+from sb3_piano.music.selection import unique_titles
 from sb3_piano.settings import Number, checked
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
@@ -92,7 +92,7 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         Each is another text: of several scores of one title the second is "title (2)".
         """
         possible = (self._pieces[index] for index in self._possible)
-        return told_apart(
+        return unique_titles(
             piece.title if isinstance(piece, Score) else os.fspath(piece) for piece in possible
         )
 

@@ -35,7 +35,7 @@ from sb3_piano.lab.distillation.shards import (
     shard_jobs,
 )
 from sb3_piano.music import Score, load_score
-from sb3_piano.music.selection import told_apart
+from sb3_piano.music.selection import unique_titles
 from sb3_piano.players import HandModel
 from sb3_piano.policies import HandsTD3Policy, hand_weights, load_hand_weights
 
@@ -254,7 +254,7 @@ def held_out_pieces(config: DistillConfig) -> list[Score]:
     fresh = replace(config.corpus, seed=config.corpus.seed + 1, n=max(count, 1))
     pieces = [replace(load_score(name).excerpt(0.0, end), title=name) for name in settings.pieces]
     found = [*(fresh[index] for index in range(count)), *pieces]
-    titles = told_apart(score.title for score in found)  # other music may have the same one
+    titles = unique_titles(score.title for score in found)  # other music may have the same one
     return [replace(score, title=title) for score, title in zip(found, titles, strict=True)]
 
 

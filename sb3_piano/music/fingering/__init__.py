@@ -1,4 +1,4 @@
-"""Fingering: hands and fingers for scores that have none, and how far two fingerings agree."""
+"""Assign hands and fingers to scores, and measure the agreement of two fingerings."""
 
 from sb3_piano.music.fingering.agreement import Agreement, agreement
 from sb3_piano.music.fingering.apply import apply_fingering, finger_score, without_fingers

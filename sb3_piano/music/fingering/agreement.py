@@ -1,9 +1,9 @@
-"""Agreement of two fingerings of the same notes.
+"""Measure the agreement of two fingerings of the same notes.
 
-The match rates are those of E. Nakamura, Y. Saito and K. Yoshii, "Statistical learning and
-estimation of piano fingering", Information Sciences 517, 2020 (arXiv 1904.10237). Where its text
-leaves a choice they follow the authors' released evaluation program
-(Evaluate_MultipleGroundTruth), which their figures come from.
+The match rates are from E. Nakamura, Y. Saito and K. Yoshii, "Statistical learning and estimation
+of piano fingering", Information Sciences 517, 2020 (arXiv 1904.10237). Where the text is ambiguous,
+they follow the authors' released evaluation program (Evaluate_MultipleGroundTruth), the source of
+their figures.
 """
 
 from __future__ import annotations
@@ -31,63 +31,63 @@ _PIG_FILE = re.compile(r"(\d+)-\d+_fingering\.txt", re.IGNORECASE)
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """Number of labelled notes that another fingering plays with the same finger.
+    """Number of labelled notes to which another fingering gives the same finger.
 
-    A share is None where a hand has no labelled notes.
+    A hand's share is None if it has no labelled notes.
     """
 
     notes: tuple[int, int]
     """Labelled notes of the right and of the left hand."""
     same_finger: tuple[int, int]
-    """Those of them that the other fingering plays with the same finger of the same hand."""
+    """Labelled notes with the same finger of the same hand in both fingerings."""
     same_hand: tuple[int, int]
-    """Those of them that the other fingering plays with the same hand, whatever the finger."""
+    """Labelled notes with the same hand in both fingerings, with any finger."""
 
     @property
     def right(self) -> float | None:
-        """Share of the right hand's labelled notes that have the same finger."""
+        """Share of the right hand's labelled notes with the same finger."""
         return self.same_finger[0] / self.notes[0] if self.notes[0] else None
 
     @property
     def left(self) -> float | None:
-        """Share of the left hand's labelled notes that have the same finger."""
+        """Share of the left hand's labelled notes with the same finger."""
         return self.same_finger[1] / self.notes[1] if self.notes[1] else None
 
     @property
     def both(self) -> float:
-        """Share of all labelled notes that have the same finger."""
+        """Share of all labelled notes with the same finger."""
         return sum(self.same_finger) / sum(self.notes)
 
     @property
     def hands(self) -> float:
-        """Share of all labelled notes that are played by the same hand."""
+        """Share of all labelled notes with the same hand."""
         return sum(self.same_hand) / sum(self.notes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatchRates:
-    """Match rates of a fingering with those of several annotators, each in [0, 1].
+    """Match rates of a fingering with several annotators' fingerings, each in [0, 1].
 
-    It is always ``general <= highest <= recombination <= soft``.
+    Always ``general <= highest <= recombination <= soft``.
     """
 
     notes: int
-    """The notes that count: those to which each annotator gave a finger."""
+    """Number of notes that count: every annotator gave them a finger."""
     general: float
     """M_gen: the share of notes with an annotator's finger, averaged over the annotators."""
     highest: float
-    """M_high: that share for the annotator with whom it is highest, chosen for each hand."""
+    """M_high: that share for the best annotator, chosen for each hand."""
     soft: float
     """M_soft: the share of notes with the finger of any annotator."""
     recombination: float
-    """M_rec: that share for the best way to follow one annotator after another."""
+    """M_rec: that share for the best path from annotator to annotator, less the changes."""
 
 
 def agreement(labelled: Score, other: Score) -> Agreement:
     """Compare a fingering with labels, note by note.
 
     Args:
-        labelled: The score whose labels are taken for right; its unlabelled notes do not count.
+        labelled: The score with the reference labels; its unlabelled notes do not count.
         other: The same notes (pitches and onsets, to 1 ms), with other fingers. A note without a
             finger agrees with no label.
 
@@ -113,25 +113,25 @@ def agreement(labelled: Score, other: Score) -> Agreement:
 
 
 def match_rates(annotations: Sequence[Score], other: Score) -> MatchRates:
-    r"""Compare a fingering with those of several annotators.
+    r"""Compare a fingering with the fingerings of several annotators.
 
-    With N notes, fingers :math:`f_n` and those of annotator k :math:`f^k_n`, the sums below being
-    taken over the notes of each hand of `other` by itself, and then added:
+    N is the number of notes, :math:`f_n` is the finger of note n and :math:`f^k_n` annotator k's.
+    Each sum is taken over the notes of each hand of `other` separately; then the hands are added:
 
     - M_gen: mean over k of :math:`\frac{1}{N} \sum_n [f_n = f^k_n]`,
     - M_high: :math:`\frac{1}{N} \max_k \sum_n [f_n = f^k_n]`,
     - M_soft: :math:`\frac{1}{N} \sum_n [f_n = f^k_n \text{ for some } k]`,
     - M_rec: :math:`\frac{1}{N} \max_{k_1 \dots k_N} \sum_n [f_n = f^{k_n}_n] - [k_n \ne k_{n-1}]`,
-      where an annotator may be left for another only after a note to which both gave the same
-      finger. The maximum is found by dynamic programming.
+      where a path may change the annotator only after a note to which both gave the same finger.
+      The maximum is found by dynamic programming.
 
-    Notes of a chord follow each other upwards. Of a finger that changes on the held key only the
-    first counts, also for M_gen, for which the authors' program asks for the same change.
+    The notes of a chord are ordered upwards. If the finger changes on a held key, only the first
+    finger counts, also for M_gen; there the authors' program asks for the same change.
 
     Args:
-        annotations: The fingerings taken for right, of one annotator each. Notes to which any of
-            them gave no finger do not count.
-        other: The same notes (pitches and onsets, to 1 ms) with the fingers to be judged. A note
+        annotations: The reference fingerings, one from each annotator. Notes without a finger in
+            any of them do not count.
+        other: The same notes (pitches and onsets, to 1 ms) with the fingers to evaluate. A note
             without a finger matches none.
 
     Raises:
@@ -172,7 +172,7 @@ def _aligned(annotation: Score, other: Score) -> list[int]:
 
 
 def _recombined(same: NDArray[np.bool_], truths: NDArray[np.int_]) -> int:
-    """Return the most right fingers, less changes of annotator, that following annotators gives.
+    """Maximise matching fingers minus changes of annotator over all paths.
 
     Args:
         same: (annotators, notes) whether the finger is the annotator's.
@@ -194,8 +194,8 @@ def _recombined(same: NDArray[np.bool_], truths: NDArray[np.int_]) -> int:
 def judge(labelled: Score) -> Agreement:
     """Compare our fingering with the labels of a score.
 
-    Fingers are ours for the labels' hands, as a score on two staves tells them; hands are those
-    that we find without being told.
+    Fingers are computed with the labels' hands, as a score on two staves gives them; hands are
+    computed without any labels.
 
     Raises:
         ScoreError: If no note is labelled.
@@ -206,7 +206,7 @@ def judge(labelled: Score) -> Agreement:
 
 
 def judge_annotated(annotations: Sequence[Score]) -> MatchRates:
-    """Compare our fingering with those of several annotators, for the hands of the first one.
+    """Compare our fingering with several annotators', using the hands of the first one.
 
     Raises:
         ScoreError: If there are no annotations, their notes differ, or they have no labelled note
@@ -218,13 +218,13 @@ def judge_annotated(annotations: Sequence[Score]) -> MatchRates:
 
 
 def pig_files(folder: str | os.PathLike[str]) -> Mapping[str, Sequence[Path]]:
-    """Return the fingering files of the PIG data set by the number of their piece.
+    """Find the fingering files of the PIG data set, by number of the piece.
 
-    They are called ``001-1_fingering.txt``, piece 001 by annotator 1, in the folder or anywhere
-    below it.
+    The file ``001-1_fingering.txt`` is piece 001 by annotator 1. The folder is searched
+    recursively.
 
     Raises:
-        ScoreError: If there are none.
+        ScoreError: If the folder has none.
     """
     pieces: dict[str, list[Path]] = defaultdict(list)
     for path in sorted(Path(folder).rglob("*.txt")):

@@ -1,4 +1,4 @@
-"""Fingers for a whole score: the one door through which they are chosen."""
+"""Apply a fingering method to a whole score."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from sb3_piano.music.hands import HANDS, finger_of
 from sb3_piano.music.score import Score
 
 FINGERINGS = ("ergonomic", "robot", "keep", "optimal-transport")
-"""Ways to choose the fingers, beside a file with labels."""
+"""Fingering methods, besides a file with labels."""
 
 DEFAULT_TIMESTEP = 0.05
-"""Length of a control step for which fingers are chosen unless one says otherwise, s."""
+"""Default length of a control step for the robot's fingers, s."""
 
 
 def apply_fingering(
@@ -32,22 +32,22 @@ def apply_fingering(
     change_hands: bool = True,
     robot: HandSpec | None = None,
 ) -> Score:
-    """Return the score with fingers chosen in one of several ways.
+    """Choose the fingers of a score by one of several methods.
 
     Args:
         score: The score.
-        fingering: ``"ergonomic"``: each note that has no finger gets one, those that have keep
-            theirs. ``"robot"``: hands, then fingers are changed where others suit the simulated
-            hands better. ``"keep"``: nothing is changed. ``"optimal-transport"``: no note has a
-            finger or a hand, so that the reward takes whichever fingers are nearest to the keys.
-            Or the path of a file whose labels are put on the notes.
-        control_timestep: Length of a control step for which the robot's fingers are chosen, s.
-        change_hands: Whether ``"robot"`` changes hands that are known.
-        robot: The simulated hands, by default the default ones. Where a note has a finger that they
-            lack, all get fingers that suit them.
+        fingering: ``"ergonomic"``: each note without a finger gets one; known fingers stay.
+            ``"robot"``: hands, then fingers are changed where others suit the simulated hands
+            better. ``"keep"``: nothing changes. ``"optimal-transport"``: no note has a finger or
+            a hand, so that the reward uses the fingers nearest to the keys. Or the path of a file
+            whose labels are put on the notes.
+        control_timestep: Length of a control step for the robot's fingers, s.
+        change_hands: Whether ``"robot"`` may change known hands.
+        robot: Model of the hands, Shadow's by default. If a note has a finger that it lacks, all
+            notes get fingers that suit it.
 
     Raises:
-        ConfigError: If there is no such way, or no such file.
+        ConfigError: If there is no such method or file.
         ScoreError: If the file's labels do not fit the score.
     """
     robot = robot or find_hand()
@@ -72,14 +72,14 @@ def _lacks_fingers(score: Score, robot: HandSpec) -> bool:
 
 
 def finger_score(score: Score) -> Score:
-    """Return the score with a finger for each note.
+    """Give each note of a score a finger.
 
-    Fingers that are known stay, and so do hands; `assign_hands` finds the other hands. At most ten
-    fingers are on keys at a time, and none on two. Where more is asked of a hand, as by a sustain
-    pedal written out as long notes, it lets go of the key held longest first: that note keeps its
-    length, but its finger goes on. Of more than five keys struck together by one hand, the outer
-    five have a finger; the others have their hand, and no finger (-1). Notes keep their times,
-    pitches and velocities.
+    Known fingers and hands stay; `assign_hands` finds the other hands. At most ten fingers are on
+    keys at a time, each on one key. A hand may have too many keys to hold, as when a sustain pedal
+    is written out as long notes. It then releases the key held longest first: that note keeps its
+    length, but its finger moves on. If a hand strikes more than five keys together, the outer five
+    get a finger; the others get their hand and no finger (-1). Notes keep their times, pitches and
+    velocities.
     """
     score = assign_hands(score)
     notes = list(score.notes)
@@ -93,7 +93,7 @@ def finger_score(score: Score) -> Score:
 
 
 def without_fingers(score: Score, *, keep_hands: bool) -> Score:
-    """Return the score with no finger known, and hands only if they are kept."""
+    """Remove all fingers from a score, and hands unless they are kept."""
     notes = [
         replace(note, finger=UNKNOWN_FINGER, hand=note.hand if keep_hands else None)
         for note in score.notes
@@ -102,10 +102,10 @@ def without_fingers(score: Score, *, keep_hands: bool) -> Score:
 
 
 def labels_file(fingering: str | os.PathLike[str]) -> Path:
-    """Return the file with labels that a way of fingering names.
+    """Return the path of a labels file given as a fingering.
 
     Raises:
-        ConfigError: If it is none of the other ways either, or there is no such file.
+        ConfigError: If there is no such file.
     """
     if not isinstance(fingering, str | os.PathLike) or not os.path.isfile(fingering):
         near = near_names(fingering, FINGERINGS) if isinstance(fingering, str) else ""

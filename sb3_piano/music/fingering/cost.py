@@ -1,7 +1,7 @@
-"""Costs of a fingering: weights of its rules, and tables for one, two and three keys in succession.
+"""Costs of a fingering: weights of its rules, and tables for one, two and three keys in a row.
 
-Everything here is the right hand's: the left hand is its mirror image, and so are its keys. The
-keyboard is its own mirror image about D, so that the mirrored keys keep their colours.
+Everything here is for the right hand: the left hand and its keys are mirrored. The keyboard is
+symmetric about D, so mirrored keys keep their colours.
 """
 
 from __future__ import annotations
@@ -48,23 +48,23 @@ MEDIUM_HAND: Mapping[tuple[int, int], tuple[int, ...]] = MappingProxyType(
 )
 """Limits of the distance from a finger of the right hand to a higher one, by pianists' numbers.
 
-In semitones, upwards positive, negative with the thumb passed under the other finger: the least
-that is practical, comfortable, relaxed, then the most that is relaxed, comfortable, practical.
+In semitones, upwards positive, negative with the thumb passed under the other finger: the
+practical, comfortable and relaxed minimum, then the relaxed, comfortable and practical maximum.
 
 Source: the medium hand of Balliauw, Herremans, Palhazi Cuervo and Sorensen 2017, "A variable
-neighborhood search algorithm to generate piano fingerings for polyphonic sheet music", measured for
+neighborhood search algorithm to generate piano fingerings for polyphonic sheet music", measured on
 music with chords.
 """
 
 
 @settings
 class FingeringWeights:
-    """The cost of each rule; a fingering is the one whose costs add up to the least.
+    """The cost of each rule; the chosen fingering has the least total cost.
 
-    The names in quotes are the rules of Parncutt, Sloboda, Clarke, Raekallio and Desain 1997, "An
-    ergonomic model of keyboard fingering for melodic fragments", in whose points everything counts.
+    Names in quotes are rules of Parncutt, Sloboda, Clarke, Raekallio and Desain 1997, "An ergonomic
+    model of keyboard fingering for melodic fragments", whose points are the unit of all costs.
     Distances are in semitones, times in s. The values were tuned on the generated studies, in
-    several runs of what benchmarks/tune_fingering_weights.py does, and rounded.
+    several runs of benchmarks/tune_fingering_weights.py, and rounded.
     """
 
     physical: Share = 0.48  # of mm in distances, the rest is semitones (Jacobs 2001)
@@ -80,7 +80,7 @@ class FingeringWeights:
     same_finger_size: NotNegative = 2.1  # the same, per semitone between the keys
     other_finger: NotNegative = 3.18  # another finger on the key that was struck last
     other_finger_later: NotNegative = 0.79  # the same with one other key in between
-    leap: Positive = 22.4  # what the movement between two keys costs at most
+    leap: Positive = 22.4  # maximum cost of a movement between two keys
     weak_four: NotNegative = 0.55  # "weak finger", the ring finger
     weak_five: NotNegative = 0.67  # "weak finger", the little finger
     three_four_five: NotNegative = 0.23  # "three-four-five"
@@ -106,9 +106,9 @@ DEFAULT_WEIGHTS = FingeringWeights()
 
 
 def _key_positions(physical: float) -> Table:
-    """Return where the keys of an octave from C are, in semitones: (12,)."""
+    """Compute the positions of the keys of an octave from C, in semitones: (12,)."""
     white = np.array([(index + 0.5) * _WHITE_WIDTH for index in range(7)])
-    # Behind the black keys the octave is cut into five and seven nearly equal strips.
+    # At the black keys the octave has five and seven nearly equal strips.
     strips = [(index + 0.5) * 3 * _WHITE_WIDTH / 5 for index in range(5)]
     strips += [3 * _WHITE_WIDTH + (index + 0.5) * 4 * _WHITE_WIDTH / 7 for index in range(7)]
     of_white = white[np.cumsum(~PITCH_CLASS_IS_BLACK) - 1]
@@ -117,20 +117,20 @@ def _key_positions(physical: float) -> Table:
 
 
 class CostTables:
-    """The rules of one set of weights, worked out for all keys and fingers.
+    """The costs of all keys and fingers, precomputed for one set of weights.
 
-    Fingers are 0 (thumb) to 4, keys a pitch class of the first (0 is C) and an interval in
-    semitones, shifted by `MAX_INTERVAL`.
+    Fingers are 0 (thumb) to 4. Two keys are the pitch class of the first (0 is C) and an interval
+    in semitones, shifted by `MAX_INTERVAL`.
 
     Attributes:
         single: (2, 5), for a white or black key and its finger.
-        moves: (12, 175, 5, 5), for two keys in succession; counts more the faster they follow.
+        moves: (12, 175, 5, 5), for two keys in succession; weighted by their pace.
         chord_moves: (12, 175, 5, 5), the same from or to a chord.
         colours: (12, 175, 5, 5), for the colours of two keys in succession.
-        grips: (12, 175, 5, 5), for two keys that are down together.
+        grips: (12, 175, 5, 5), for two keys held together.
         far: (12, 175, 5, 5), whether two keys cannot be held together by these fingers.
         shifts: (12, 175, 5, 5), for the first and third of three keys in succession.
-        full_shifts: (12, 175, 5, 5), for the same if the thumb has the second key, between them.
+        full_shifts: (12, 175, 5, 5), for the same if the thumb plays the second key, between them.
         triples: (5, 5, 5), for the fingers of three keys in succession.
     """
 
@@ -139,7 +139,7 @@ class CostTables:
         weights: FingeringWeights,
         reaches: Mapping[tuple[int, int], tuple[int, ...]] = MEDIUM_HAND,
     ) -> None:
-        """Work the tables out."""
+        """Compute the tables."""
         self.weights = w = weights
         pairs = _Pairs(w.physical, reaches)
         distance, same = pairs.distance, pairs.same
@@ -174,11 +174,11 @@ class CostTables:
             self.triples[fingers] = w.three_four_five
 
     def _limited(self, cost: Table) -> Table:
-        """Let costs grow ever more slowly: of far keys none is nearer to a finger."""
+        """Let costs saturate: far keys are equally far from every finger."""
         return cost * self.weights.leap / (cost + self.weights.leap)
 
     def _passing(self, pairs: _Pairs) -> Table:
-        """Return what it costs that thumb and finger pass each other."""
+        """Compute the costs of thumb and finger passing each other."""
         w = self.weights
         first = pairs.one == THUMB
         thumb = np.where(first, pairs.black, pairs.black_later)
@@ -186,12 +186,12 @@ class CostTables:
         level = np.where(thumb == finger, w.passing, 0.0)
         cost = np.where(thumb & ~finger, w.passing_on_black, level)
         semitones = np.abs(np.arange(-MAX_INTERVAL, MAX_INTERVAL + 1))[:, None, None]
-        # Limited, since far keys are reached with a leap, and nothing passes.
+        # Limited, since the hand leaps to far keys without passing.
         size = w.passing_size * np.minimum(semitones, _OCTAVE_WIDTH)
         return np.where(pairs.thumb & ~pairs.same & (pairs.up < 0), cost + size, 0.0)
 
     def _colours(self, pairs: _Pairs) -> Table:
-        """Return what the colours of two keys cost."""
+        """Compute the costs of the colours of two keys."""
         w = self.weights
         up, down = ~pairs.black & pairs.black_later, pairs.black & ~pairs.black_later
         cost = np.zeros(np.broadcast_shapes(up.shape, pairs.same.shape))
@@ -220,7 +220,7 @@ class _Pairs:
         self.black = PITCH_CLASS_IS_BLACK[:, None, None, None]
         self.black_later = PITCH_CLASS_IS_BLACK[second % 12][..., None, None]
         self.displacement = np.abs(self.distance - (self.other - self.one) * _WHITE_WIDTH)
-        """Distance that the hand's place moves, in semitones."""
+        """Distance that the hand moves, in semitones."""
         limits = np.zeros((6, FINGERS_PER_HAND, FINGERS_PER_HAND))
         for (low, high), reach in reaches.items():
             limits[:, low - 1, high - 1] = limits[:, high - 1, low - 1] = reach
@@ -231,4 +231,4 @@ class _Pairs:
 
 
 cost_tables = lru_cache(maxsize=8)(CostTables)
-"""Make tables, which takes a moment, once for the same weights."""
+"""Compute tables, cached by weights, as it takes long."""

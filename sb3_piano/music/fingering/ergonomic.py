@@ -1,10 +1,10 @@
-"""The ergonomic model: fingers that are the least effort for a pianist's hand.
+"""Find the fingering that is easiest for a pianist's hand.
 
-The costs look at up to three onsets in succession. They are those of patterns, which say nothing
-of when and in which octave they are played: music that repeats itself is worked out once.
+Costs depend on up to three onsets in succession. They are computed for patterns, without time and
+octave, so that repeated music is computed once.
 
-Keys are pitches in the right hand's view: the left hand's are mirrored about D, after which its
-part looks like one of the right hand.
+Keys are pitches as the right hand sees them: the left hand's part is mirrored about D, and is then
+treated like a right hand's.
 """
 
 from __future__ import annotations
@@ -35,42 +35,42 @@ TOGETHER = 0.03
 "Statistical learning and estimation of piano fingering", 2020."""
 
 OVERLAP = 0.05
-"""A key that is let go within this time, in s, after the next is struck counts as let go before.
+"""A key released within this time, in s, after the next strike counts as released before it.
 
-Legato is played with a little overlap. It is one control step of RoboPianist (20 Hz).
+Legato notes overlap a little. The value is one control step of RoboPianist (20 Hz).
 """
 
 WIDEST = 16
-"""The widest grip of a hand, in semitones; keys held farther away are let go.
+"""The widest grip of a hand, in semitones; keys held farther away are released.
 
 Source: the medium hand of Balliauw et al. 2017.
 """
 
 _MIRROR = 2 * 62  # sum of a pitch and its mirror image: D4 is its own
-_SLOWEST, _FASTEST = 0.3, 2.0  # between these the time there is weighs the costs of movement
+_SLOWEST, _FASTEST = 0.3, 2.0  # limits of the factor by which pace weights the costs of movement
 _OCTAVE = 12
 _CACHE = 8192
 
 
 @dataclass(frozen=True)
 class HandFingering:
-    """The fingers found for the part of one hand."""
+    """The fingering found for the part of one hand."""
 
     fingers: tuple[int, ...]
-    """For each note, 0 (thumb) to 4, or -1 if no finger is left for it."""
+    """For each note, 0 (thumb) to 4, or -1 without a free finger."""
     cost: float
-    """What the fingering costs."""
+    """Total cost of the fingering."""
     released: frozenset[int]
-    """Indices of notes whose finger had to leave their key before its end."""
+    """Indices of notes whose finger leaves the key before the note's end."""
 
 
 def finger_hand(
     notes: Sequence[Note], hand: Hand, weights: FingeringWeights = DEFAULT_WEIGHTS
 ) -> HandFingering:
-    """Find the fingering of one hand's notes, sorted by onset, that costs the least.
+    """Find the fingering with the least cost for one hand's notes, sorted by onset.
 
-    Notes that have a finger keep it. When a hand cannot hold all that it should (too many keys,
-    too wide, or no way to reach the next ones), it lets go of the key held longest first.
+    Notes with a finger keep it. If a hand cannot hold all keys (too many, too wide, or no way to
+    reach the next ones), it releases the key held longest first.
     """
     found = search(_chords(notes, hand), _Ergonomic(cost_tables(weights)), order=2)
     fingers = [UNKNOWN_FINGER] * len(notes)
@@ -82,7 +82,7 @@ def finger_hand(
 
 
 def struck_together(notes: Sequence[Note]) -> list[list[int]]:
-    """Return the indices of the notes of each chord; `notes` are sorted by onset."""
+    """Group the indices of notes into chords; `notes` are sorted by onset."""
     chords: list[list[int]] = []
     for index, note in enumerate(notes):
         if not chords or note.onset > notes[chords[-1][0]].onset + TOGETHER:
@@ -91,12 +91,12 @@ def struck_together(notes: Sequence[Note]) -> list[list[int]]:
     return chords
 
 
-# Keys, and all ways to lay fingers on them.
+# Keys, and all assignments of fingers to them.
 
 
 @dataclass(slots=True, eq=False)
 class _Strike:
-    """A key that is struck once; notes that double each other share one."""
+    """One strike of a key; notes that double each other share it."""
 
     key: int
     onset: float
@@ -104,11 +104,11 @@ class _Strike:
     notes: list[int]
     """Indices of its notes in the part."""
     label: int
-    """Finger that plays it, 0 (thumb) to 4, if that is known beforehand, else -1."""
+    """Its finger, 0 (thumb) to 4, if known beforehand, else -1."""
 
 
 def _chords(notes: Sequence[Note], hand: Hand) -> Iterator[list[_Strike]]:
-    """Yield what a hand strikes together, in order of keys, as far as there are fingers for it."""
+    """Yield the keys that a hand strikes together, in order of pitch, if they get a finger."""
     for chord in struck_together(notes):
         strikes: dict[int, _Strike] = {}
         for index in chord:
@@ -125,7 +125,7 @@ def _chords(notes: Sequence[Note], hand: Hand) -> Iterator[list[_Strike]]:
 
 
 _Shape = tuple[tuple[bool, int], ...]
-"""For each key from the thumb's side: whether it is struck now (else held), its known finger."""
+"""For each key from the thumb's side: whether it is struck now (else held), known finger or -1."""
 
 
 def _shape(struck: Sequence[_Strike]) -> _Shape:
@@ -134,14 +134,14 @@ def _shape(struck: Sequence[_Strike]) -> _Shape:
 
 @lru_cache(maxsize=_CACHE)
 def _playable(shape: _Shape) -> list[int]:
-    """Return the places of the struck keys that get a finger.
+    """Return the indices of the struck keys that get a finger.
 
-    Those with labels do; if there are more than five others, the outer ones come first.
+    Labelled keys always do; if more than five others remain, the outer ones come first.
     """
     labelled = [place for place, (_, label) in enumerate(shape) if label >= 0]
     free = [place for place, (_, label) in enumerate(shape) if label < 0]
     for count in range(min(len(free), FINGERS_PER_HAND), 0, -1):
-        # Turn by turn from both ends.
+        # Alternate between both ends.
         outer = [free[turn // 2 if turn % 2 == 0 else -1 - turn // 2] for turn in range(count)]
         places = sorted([*labelled, *outer])
         if any(len(_states(tuple(shape[at] for at in places), order)) for order in (True, False)):
@@ -151,11 +151,11 @@ def _playable(shape: _Shape) -> list[int]:
 
 @lru_cache(maxsize=_CACHE)
 def _states(shape: _Shape, in_order: bool) -> States:
-    """Return every way to lay fingers on the keys, in a definite order.
+    """List every assignment of fingers to keys, in a definite order.
 
-    Each key has a finger of its own, and fingers follow the order of the keys if they are to. Two
+    Each key has its own finger, and with `in_order` fingers follow the order of the keys. Two
     exceptions: the thumb may have passed under fingers that hold keys, or fingers over a thumb
-    that does; and labels stay as they are, even if two contradict each other.
+    that does; and labels stay even if two contradict each other.
     """
     choices = [range(FINGERS_PER_HAND) if label < 0 else (label,) for _, label in shape]
     states = np.array(list(product(*choices)), dtype=np.intp)
@@ -172,12 +172,12 @@ def _states(shape: _Shape, in_order: bool) -> States:
 
 
 class _Pattern(NamedTuple):
-    """Keys that are down, whenever and in whichever octave they are played."""
+    """Keys that are down, independent of time and octave."""
 
     pitch_class: int
     """Of the lowest key, 0 is C."""
     intervals: tuple[int, ...]
-    """Of each key above the lowest, in semitones."""
+    """Semitones of each key above the lowest."""
     shape: _Shape
     in_order: bool
     """Whether fingers follow the order of the keys."""
@@ -188,7 +188,7 @@ class _Pattern(NamedTuple):
 
     @property
     def struck(self) -> list[int]:
-        """Places of the keys that are struck."""
+        """Indices of the struck keys."""
         return [place for place, (struck, _) in enumerate(self.shape) if struck]
 
 
@@ -206,7 +206,7 @@ class _Slice(Onset[_Strike]):
 
 
 class _Ergonomic:
-    """Costs of the fingers of a pianist's hand: a `CostModel`."""
+    """Costs of a pianist's fingers: a `CostModel`."""
 
     def __init__(self, tables: CostTables) -> None:
         self.tables = tables
@@ -220,7 +220,7 @@ class _Ergonomic:
         held = [s for s in down if s.offset > onset + OVERLAP and s.key not in again]
         gone = [s for s in held if max(high, s.key) - min(low, s.key) > WIDEST]
         held = sorted((s for s in held if s not in gone), key=lambda s: (s.onset, s.key))
-        for strike in list(held):  # the one held longest first
+        for strike in list(held):  # the key held longest comes first
             keys = [other.key for other in held] + [low, high]
             crowded = len(held) + len(struck) > FINGERS_PER_HAND
             if crowded or max(keys) - min(keys) > WIDEST:
@@ -235,7 +235,7 @@ class _Ergonomic:
             low % _OCTAVE,
             tuple(strike.key - low for strike in down),
             tuple((strike not in held, strike.label) for strike in down),
-            # Fingers leave the order of the keys only where labels give them no other way.
+            # Fingers leave the order of the keys only if labels force them to.
             in_order=len(_states(_shape(struck), True)) > 0,
         )
         onset = min(strike.onset for strike in struck)
@@ -270,15 +270,15 @@ def _calm(first: _Slice, second: _Slice, weights: FingeringWeights) -> float:
     return math.exp(-max(second.onset - first.release, 0.0) / weights.rest)
 
 
-# Costs for all states of a pattern, and of going from one to the next.
+# Costs of all states of a pattern, and of transitions to the next.
 
 
 @lru_cache(maxsize=_CACHE)
 def _own_costs(tables: CostTables, pattern: _Pattern) -> Table:
-    """Return what each state costs by itself: (states,); infinite if a held key is out of reach.
+    """Compute the cost of each state by itself: (states,); infinite if a held key is out of reach.
 
-    Each struck key counts with its finger, and each pair of keys of which one is struck at least
-    with its grip, in sum over the average number of partners.
+    The cost adds up all struck keys with their fingers. Each pair of keys, at least one of them
+    struck, adds its grip, divided by the number of other keys.
     """
     states = pattern.states
     cost, pairs = np.zeros(len(states)), np.zeros(len(states))
@@ -301,9 +301,9 @@ def _own_costs(tables: CostTables, pattern: _Pattern) -> Table:
 def _step_costs(
     tables: CostTables, first: _Pattern, second: _Pattern, rise: int
 ) -> tuple[Table, Table]:
-    """Return what each step costs that depends on time, and what does not: (first, second) states.
+    """Compute the costs of each step, with and without dependence on time: (first, second) states.
 
-    The latter is infinite where a finger would have to leave a key that is held. `rise` is from
+    The second table is infinite where a finger would leave a held key. `rise` is the interval from
     the lowest key to the next lowest.
     """
     kept = {
@@ -325,10 +325,10 @@ def _step_costs(
 def _shift_costs(
     tables: CostTables, patterns: tuple[_Pattern, _Pattern, _Pattern], rises: tuple[int, int]
 ) -> tuple[Table, Table]:
-    """Return what changes of position cost that depends on time, and what does not.
+    """Compute the costs of position changes, with and without dependence on time.
 
     Both broadcast to (first, second, third) states. The second pattern counts if all three strike
-    a single key. `rises` are from the first lowest key to the others.
+    a single key. `rises` are the intervals from the first lowest key to the others.
     """
     first, _, third = patterns
     shifts = _mean_pairs(tables.shifts, first, third, rises[1], first.struck)[:, None, :]
@@ -351,9 +351,9 @@ def _shift_costs(
 def _mean_pairs(
     table: Table, first: _Pattern, second: _Pattern, rise: int, places: list[int]
 ) -> Table:
-    """Sum the costs of keys at `places` with those struck later: (first, second) states.
+    """Sum the costs of pairs of keys at `places` and keys struck later: (first, second) states.
 
-    The sum is over the larger number of keys.
+    The sum is divided by the larger number of keys.
     """
     one, other, later = first.states, second.states, second.struck
     if not places or not later:

@@ -1,7 +1,7 @@
-"""The search: which hand plays each note of a piece at the least cost, for any model of costs.
+"""Assign notes to hands at the least cost, by beam search with any cost model.
 
-A beam search over what is struck together. A *way* shares all notes up to some time between the
-hands; the cheapest are followed. Time and memory grow with the number of onsets.
+The search steps through chords. A *way* assigns all notes up to some time to the hands; the
+cheapest ways are kept. Time and memory grow with the number of onsets.
 """
 
 from __future__ import annotations
@@ -18,70 +18,70 @@ from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note
 
 _BEAM = 32
-"""Ways to share the piece between the hands that are followed at a time."""
+"""Width of the beam: ways that are kept at a time."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chord:
-    """Notes that are struck together, and those that sound already."""
+    """Notes struck together, and the notes that already sound."""
 
     onset: float
-    """When the first is struck, s."""
+    """Time of the first strike, s."""
     struck: list[Note]
     """In order of pitch."""
     held: list[Note]
     left_takes: BoolArray
-    """(options, struck) which of these the left hand strikes."""
+    """(options, struck) the notes that the left hand strikes."""
     left_holds: BoolArray
-    """(ways, held) which of these it holds."""
+    """(ways, held) the notes that it holds."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Part:
-    """What one hand, 0 (right) or 1 (left), strikes and holds in each way and option.
+    """The keys that a hand, 0 (right) or 1 (left), strikes and holds in each way and option.
 
-    The left hand's places are turned upside down: in both parts the thumb's side is the low one.
+    The left hand's places are mirrored, so that the thumb's side is the low one in both parts.
     """
 
     hand: int
     sign: float
     chord: Chord
     takes: BoolArray
-    """(options, struck) which notes it strikes."""
+    """(options, struck) the notes that it strikes."""
     low: FloatArray
-    """(options,) the least place that it strikes, 0 if none."""
+    """(options,) the lowest place that it strikes, 0 without one."""
     high: FloatArray
-    """(options,) the greatest one."""
+    """(options,) the highest one."""
     whole: FloatArray
-    """(ways, options) the width of what it strikes and holds."""
+    """(ways, options) the width of all keys that it strikes and holds."""
     count: IntArray
-    """(options,) how many notes it strikes."""
+    """(options,) number of notes that it strikes."""
     held: IntArray
-    """(ways, 1) how many it holds."""
+    """(ways, 1) number of notes that it holds."""
 
 
 class HandCosts(ABC):
-    """What hands cost. What has to be known of a hand's past is ``size`` numbers, its *state*."""
+    """Cost model of hands; ``size`` numbers, the *state*, describe a hand's past."""
 
     start: FloatArray
-    """(size,) the state of a hand that has not played yet."""
+    """(size,) the initial state of a hand."""
 
     @abstractmethod
     def options(self, struck: Sequence[Note]) -> BoolArray:
-        """Return the ways to share notes that are struck together: (options, struck), if left."""
+        """List the assignments of a chord's notes: (options, struck), true for the left hand."""
 
     @abstractmethod
     def place(self, note: Note) -> float:
-        """Return where on the keyboard a note is, from the left."""
+        """Return the position of a note's key, from the left."""
 
     @abstractmethod
     def cost_of(self, states: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
-        """Return what a hand's part costs, and its state then; as in `costs`, of one hand."""
+        """Compute the cost of a hand's part and its new state; as in `costs`, for one hand."""
 
     def costs(self, states: FloatArray, chord: Chord) -> tuple[FloatArray, FloatArray]:
-        """Return what a chord costs, (ways, options), and the states of both hands then.
+        """Compute the cost of a chord, (ways, options), and the new states of both hands.
 
-        These are (ways, options, 2, size); ``states`` before are (ways, 2, size).
+        New states are (ways, options, 2, size); the old ``states`` are (ways, 2, size).
         """
         keys, held = (
             np.array([self.place(note) for note in notes], dtype=float)
@@ -93,7 +93,7 @@ class HandCosts(ABC):
             takes, holds = (left == hand for left in (chord.left_takes, chord.left_holds))
             plays = takes.any(axis=1)
             low, high = np.where(plays, _extent(sign * keys, takes), 0.0)
-            # Infinite where a hand holds nothing: then it is as wide as what it strikes.
+            # Infinite if a hand holds nothing: its width is then that of the struck keys.
             held_low, held_high = (place[:, None] for place in _extent(sign * held, holds))
             whole = np.maximum(high, held_high) - np.minimum(low, held_low)
             counts = takes.sum(axis=1), holds.sum(axis=1, keepdims=True)
@@ -106,7 +106,7 @@ class HandCosts(ABC):
 
 
 def search(notes: Sequence[Note], model: HandCosts) -> list[Hand]:
-    """Return the hand of each note; they are sorted by onset."""
+    """Find the hand of each note; notes are sorted by onset."""
     cost = np.zeros(1)
     states = np.tile(model.start, (1, 2, 1))
     left_holds = np.zeros((1, 0), dtype=bool)
@@ -116,7 +116,7 @@ def search(notes: Sequence[Note], model: HandCosts) -> list[Hand]:
         group = sorted(together, key=lambda at: notes[at].pitch)
         onset = notes[together[0]].onset
         struck = [notes[index] for index in group]
-        # A key that is struck again is held no longer, whatever note has begun on it.
+        # A key that is struck again is no longer held, whichever note it was.
         again = {note.pitch for note in struck}
         held = [notes[index] for index in sounding]
         stays = np.array([n.offset > onset + OVERLAP and n.pitch not in again for n in held], bool)
@@ -130,7 +130,7 @@ def search(notes: Sequence[Note], model: HandCosts) -> list[Hand]:
         way, option = np.unravel_index(order, total.shape)
         lasting = _last_of_each_key(group, notes)
         left_holds = np.concatenate([chord.left_holds[way], options[option][:, lasting]], axis=1)
-        # What will cost the same from here on need not be followed twice.
+        # Ways with equal states cost the same from here on: keep the cheapest.
         rows = np.column_stack([after[way, option].reshape(len(way), -1), left_holds])
         kept = _first_of_equals(rows)[:_BEAM]
         way, option, left_holds = way[kept], option[kept], left_holds[kept]
@@ -147,30 +147,30 @@ def search(notes: Sequence[Note], model: HandCosts) -> list[Hand]:
 
 
 def _last_of_each_key(group: Sequence[int], notes: Sequence[Note]) -> list[int]:
-    """Return the places of the notes of a chord that hold its keys: of several, the longest."""
+    """Return the indices of the notes that hold a chord's keys: the longest one of each key."""
     by_end = sorted(range(len(group)), key=lambda place: notes[group[place]].offset)
     return sorted({notes[group[place]].pitch: place for place in by_end}.values())
 
 
 def _first_of_equals(rows: FloatArray) -> list[int]:
-    """Return where each different row stands first."""
+    """Return the first index of each different row."""
     places: dict[bytes, int] = {}
-    for place, row in enumerate(rows + 0.0):  # which makes 0 of -0
+    for place, row in enumerate(rows + 0.0):  # turns -0 into 0
         places.setdefault(row.tobytes(), place)
     return list(places.values())
 
 
 def lowest_left(struck: Sequence[Note]) -> BoolArray:
-    """Return the ways to share notes in which the left hand takes the lowest: (options, struck).
+    """List the options in which the left hand takes the lowest notes: (options, struck).
 
-    A key is struck by one hand, however many notes strike it.
+    One hand strikes a key, also if several notes share it.
     """
     firsts = np.unique([note.pitch for note in struck], return_index=True)[1]
     return np.arange(len(struck))[None, :] < np.append(firsts, len(struck))[:, None]
 
 
 def _extent(places: FloatArray, chosen: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the greatest chosen place of each row; infinity and less if none is."""
+    """Return the lowest and the highest chosen place of each row; inf and -inf without one."""
     low = np.where(chosen, places, np.inf).min(1, initial=np.inf)
     high = np.where(chosen, places, -np.inf).max(1, initial=-np.inf)
     return low, high

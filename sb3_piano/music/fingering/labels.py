@@ -1,17 +1,17 @@
-"""Finger labels from a file, put on the notes of a score.
+"""Read finger labels from a file, and put them on the notes of a score.
 
-So that a fingering from elsewhere, of an annotator or of a program that watches a video, can take
-the place of ours. Besides the formats of scores there is a plain table, a CSV file in UTF-8 whose
-first line names its columns: ``onset`` (s), ``pitch`` (a MIDI number or a name such as ``Eb4``),
-``finger``, and perhaps ``hand`` (``right`` or ``left``)::
+Labels from an annotator, or from a program that watches a video, replace our fingering. Besides
+the formats of scores, a plain table can be read: a CSV file in UTF-8 whose first line names its
+columns: ``onset`` (s), ``pitch`` (a MIDI number or a name such as ``Eb4``), ``finger``, and
+optionally ``hand`` (``right`` or ``left``)::
 
     onset,pitch,hand,finger
     0.0,C5,right,1
     0.5,D5,right,2
 
-With a hand, fingers are the pianists' 1 (thumb) to 5 (little); without, they are 0 to 4 for the
-right hand and 5 to 9 for the left one, as in `Note`. An empty finger is unknown. Further columns
-are ignored.
+With a hand, fingers are the pianists' 1 (thumb) to 5 (little). Without one, they are 0 to 4 for the
+right hand and 5 to 9 for the left one, as in `Note`. An empty finger is unknown. Other columns are
+ignored.
 """
 
 from __future__ import annotations
@@ -38,34 +38,34 @@ from sb3_piano.music.score import Score
 from sb3_piano.music.text_file import read_field, read_text, read_whole
 
 TOLERANCE = 0.05
-"""Largest distance of a label's onset from its note's, in s, unless one says otherwise; as in the
-comparison of transcriptions (mir_eval)."""
+"""Default largest distance of a label's onset from its note's, in s; as in mir_eval, for comparing
+transcriptions."""
 
 SAME_ONSET = 1e-3
-"""Onsets this close are the same, in s: formats round times, MIDI to 0.1 ms."""
+"""Largest distance of equal onsets, in s: formats round times, MIDI to 0.1 ms."""
 
 _FRACTION = re.compile(r"\.0+$")
-_LABEL_LENGTH = 0.1  # s; a table has no offsets, and nobody asks for them
+_LABEL_LENGTH = 0.1  # s; a table has no offsets, and none are used
 
 
 def read_labels(
     path: str | os.PathLike[str], score: Score, *, tolerance: float = TOLERANCE
 ) -> Score:
-    """Return the score with the fingers and hands that a file gives its notes.
+    """Apply the fingers and hands of a file to the notes of a score.
 
-    A label belongs to the note of its pitch with the nearest onset; each label and each note has
-    one partner at most. A label that names the hand alone leaves the finger as it is, unless that
-    is one of the other hand. Notes without a label keep what they had.
+    A label belongs to the note of its pitch with the nearest onset; labels and notes are paired
+    one to one. A label with a hand alone keeps the note's finger if it belongs to that hand. Notes
+    without a label stay unchanged.
 
     Args:
-        path: A file of a format that :func:`~sb3_piano.music.formats.read_score` knows, in which
-            notes have fingers or hands, or a ``.csv`` table as above.
-        score: The score that gets the labels.
-        tolerance: How far a label's onset may lie from its note's, in s, at least 0.
+        path: A file in a format of :func:`~sb3_piano.music.formats.read_score`, in which notes have
+            fingers or hands, or a ``.csv`` table as above.
+        score: The score to label.
+        tolerance: Largest distance of a label's onset from its note's, in s, at least 0.
 
     Raises:
         ScoreError: If the tolerance is out of range, the file cannot be read or has no labels, or
-            fewer than half of its labels find a note.
+            fewer than half of its labels match a note.
     """
     path = Path(path)
     if not (math.isfinite(tolerance) and tolerance >= 0):
@@ -121,9 +121,9 @@ def _checked_columns(names: Iterable[str], path: Path) -> list[str]:
 
 
 def _read_row(where: str, row: Mapping[str | None, str]) -> Note:
-    # Under None is what lies beyond the last column.
+    # csv puts fields beyond the last column under None.
     texts = {name: value.strip() for name, value in row.items() if name is not None}
-    for name in ("pitch", "finger"):  # where a column has gaps, pandas writes 60.0
+    for name in ("pitch", "finger"):  # pandas writes 60.0 in a column with gaps
         texts[name] = _FRACTION.sub("", texts[name])
     read = functools.partial(read_field, where)
     onset = read("onset", texts["onset"], float, "seconds, such as 1.25")
@@ -151,13 +151,13 @@ def _pitch(text: str) -> int:
 def pair_notes(
     notes: Sequence[Note], others: Sequence[Note], tolerance: float = SAME_ONSET
 ) -> dict[int, int]:
-    """Pair notes of one pitch whose onsets lie close together, each with one other at most.
+    """Pair notes of equal pitch and close onsets one to one.
 
-    The nearest pairs are made first; of equally near ones, the earlier. The onsets of a pair lie
-    within ``tolerance`` (s); ``others`` are sorted by onset.
+    The nearest pairs are made first; among equally near ones, the earlier. Onsets of a pair are at
+    most ``tolerance`` (s) apart; ``others`` are sorted by onset.
 
     Returns:
-        The index of the other note by the index of the note, of those that have a partner.
+        For each paired note's index, the index of the other note.
     """
     by_pitch: dict[int, list[int]] = defaultdict(list)
     for index, other in enumerate(others):
@@ -165,7 +165,7 @@ def pair_notes(
     near: list[tuple[float, int, int]] = []
     for index, note in enumerate(notes):
         same_pitch = by_pitch[note.pitch]
-        # Distances themselves are compared: a sum would be rounded otherwise.
+        # Compare distances, as a sum would be rounded differently.
         low = bisect.bisect_left(
             same_pitch, -tolerance, key=lambda at: others[at].onset - note.onset
         )
@@ -184,7 +184,7 @@ def pair_notes(
 
 
 def pair_all(score: Score, other: Score) -> dict[int, int]:
-    """Pair every note of a score with the same note of another.
+    """Pair every note of a score with the same note of another score.
 
     Raises:
         ScoreError: If `other` lacks a note of the score.

@@ -1,14 +1,14 @@
-"""Fingers for the simulated hand, and what it can hold.
+"""Choose fingers for the simulated hand, and release notes that it cannot hold.
 
 A score's fingering is for people, whose thumbs pass under and whose hands stretch. The simulated
-hand can do neither, and each shift of it costs sound. Of all ways to finger what a hand plays, the
-one is taken by which the fewest control steps of sound are lost: those of notes that a grip does
-not reach, and those that leaps take from the notes around them. What is written stays, unless a
-change brings more than :data:`CHANGE_FINGER` a note. What no fingers can hold is released early.
+hand can do neither, and each shift of it costs sound. The chosen fingering loses the fewest control
+steps of sound: to notes out of a grip's reach, and to leaps, which shorten the notes around them.
+Written fingers stay, unless a change saves more than :data:`CHANGE_FINGER` a note. Notes that no
+fingers can hold are released early.
 
-The constants were found on generated studies (scales, arpeggios, Hanon, the debug pieces), the
-times of leaps and the costs of changed fingers also on the Nocturne and the Maple Leaf Rag of the
-repertoire, as written and transposed.
+The constants were tuned on generated studies (scales, arpeggios, Hanon, the debug pieces). The
+times of leaps and the costs of changed fingers were also tuned on the Nocturne and the Maple Leaf
+Rag of the repertoire, as written and transposed.
 """
 
 from __future__ import annotations
@@ -41,40 +41,40 @@ KEY_SPACING = float(np.median(np.diff(KEY_Y[~KEY_IS_BLACK])))
 """Distance of neighbouring white keys, m."""
 
 CHANGE_FINGER = 0.5
-"""Cost of a finger that is not the written one, in control steps of sound."""
+"""Cost of changing a written finger, in control steps of sound."""
 
-_THUMB_ON_BLACK = 1.0  # in the same
-_TOLERANCE = 0.010  # so far out of reach, a note is lost; m
+_THUMB_ON_BLACK = 1.0  # in the same unit
+_TOLERANCE = 0.010  # a note this far out of reach is lost; m
 _MOST_LOST = 2.0  # both notes of a grip
 _CROSSED = 1000.0  # fingers that cross
 _REPEATED = 0.5  # a strike of the same key by the same finger
-_LEAP_WEIGHT = 5.0  # the way of a leap, per m: the shorter one, if as much is lost
-_PASSED = 2.0  # a finger, not the thumb, that passes another one
-_MOST_STATES = 40  # ways to lay fingers on the keys that are followed at a time
+_LEAP_WEIGHT = 5.0  # per m of a leap: prefers the shorter one at equal loss
+_PASSED = 2.0  # a finger (not the thumb) that passes another one
+_MOST_STATES = 40  # assignments of fingers that the search keeps at a time
 
 LEAP_DISTANCE = 0.020
-"""Way of the hand between two notes from which on it costs time, m."""
+"""Shortest movement of the hand between two notes that costs time, m."""
 LEAP_STEPS = 2
-"""Control steps of sound that a leap costs, less the rest between the notes."""
+"""Control steps of sound that a leap costs; the rest between the notes is subtracted."""
 LEAP_MORE = (0.09, 0.12, 0.2, 0.25)
-"""Ways from which on it costs one more, m."""
+"""Distances from which on a leap costs one more step, m."""
 LEAP_REST = 12
-"""Control steps of rest after which there is time enough for any leap."""
+"""Control steps of rest that suffice for any leap."""
 
-# So far out of reach, m, fingers end up between the keys. Of 18 such grips of two white keys, held
-# for a second, each came out at a higher F1 with one of them alone (0.79, not 0.26 to 0.77).
+# This far out of reach, m, fingers end up between keys. For each of 18 such grips of two white
+# keys, held for a second, one key alone had a higher F1 than the grip (0.79, not 0.26 to 0.77).
 _MAX_OVERREACH = 0.018
 
 _HANDS = ((0, 1), (1, -1))
-"""Number and sign of each hand: 1 for the right one, whose thumb is on the left."""
+"""Number and sign of each hand: 1 for the right hand, whose thumb is on the left."""
 
 
 def robot_fingers(score: Score, control_timestep: float, robot: HandSpec | None = None) -> Score:
-    """Return a score with the fingers that suit the simulated hands best.
+    """Choose the fingers of a score that suit the simulated hands best.
 
-    Each note stays with its hand, which :func:`~sb3_piano.music.fingering.robot_hands.robot_hands`
-    chooses before. Notes without a finger stay without. ``robot`` are the hands; by default the
-    default ones.
+    Each note keeps its hand, chosen before by
+    :func:`~sb3_piano.music.fingering.robot_hands.robot_hands`. Notes without a finger stay without.
+    ``robot`` is the model of the hands, Shadow's by default.
     """
     robot = robot or find_hand()
     trimmed = score.trim_silence()
@@ -94,10 +94,10 @@ def robot_fingers(score: Score, control_timestep: float, robot: HandSpec | None 
 
 
 def release_early(roll: PianoRoll, robot: HandSpec | None = None) -> PianoRoll:
-    """Return a roll in which no hand holds what its fingers cannot hold together.
+    """Remove the finger labels of notes that a hand cannot hold together.
 
-    A note has no finger label from where on its hand releases it to play another. ``robot`` are the
-    hands; by default the default ones.
+    A note has no label from the step at which its hand releases it to play another. ``robot`` is
+    the model of the hands, Shadow's by default.
     """
     robot = robot or find_hand()
     label, releases = roll.finger.copy(), list(roll.early_releases)
@@ -109,23 +109,23 @@ def release_early(roll: PianoRoll, robot: HandSpec | None = None) -> PianoRoll:
 
 
 def hand_place(key: int, finger: int, sign: int) -> float:
-    """Return where the middle finger would be if the fingers lay on neighbouring white keys, m.
+    """Return the middle finger's place if all fingers lay on neighbouring white keys, m.
 
     Args:
-        key: A key, 0 to 87, ...
-        finger: ... and the finger on it, from 0, the thumb, to 4.
+        key: A key, 0 to 87.
+        finger: The finger on it, 0 (thumb) to 4.
         sign: 1 for the right hand, -1 for the left one.
     """
     return float(KEY_Y[key] - sign * (finger - MIDDLE) * KEY_SPACING)
 
 
 def is_leap(distance: float, same_finger: bool) -> bool:
-    """Return whether the hand has to come up between notes on keys so far (m) apart for it."""
+    """Return whether the hand must lift between notes on keys ``distance`` m apart."""
     return same_finger or distance > LEAP_DISTANCE
 
 
 def within_stretch(one: Press, other: Press, sign: int, stretch: float, robot: HandSpec) -> bool:
-    """Return whether two fingers reach their keys with a share of what they can spread."""
+    """Return whether two fingers reach their keys within a share of their greatest stretch."""
     low, high = sorted((one, other), key=lambda press: _across(press, sign))
     if low.finger >= high.finger:
         return False
@@ -134,9 +134,9 @@ def within_stretch(one: Press, other: Press, sign: int, stretch: float, robot: H
 
 
 def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
-    """Return by how many control steps the later note begins late, and the earlier one ends early.
+    """Return by how many control steps a leap delays the later note and shortens the earlier.
 
-    The hand has to go ``distance`` m, and there are ``rest`` control steps between the notes.
+    The hand moves by ``distance`` m, in ``rest`` control steps between the notes.
     """
     steps = int(leap_steps(distance, rest))
     late = (steps + 1) // 2
@@ -144,18 +144,18 @@ def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
 
 
 def leap_steps(distance: npt.ArrayLike, rest: npt.ArrayLike) -> FloatArray:
-    """Return the control steps of sound that leaps of so many m cost after so many steps of rest.
+    """Compute the control steps of sound lost to leaps of given distances, m, after given rests.
 
-    Distances and rests have shapes that broadcast; rests may be parts of steps.
+    Distances and rests broadcast; rests are in control steps, also fractions.
     """
     steps = LEAP_STEPS + np.searchsorted(LEAP_MORE, distance) - np.asarray(rest)
     return np.asarray(np.maximum(steps, 0.0))
 
 
 def _fit(presses: list[Press], sign: int, robot: HandSpec) -> dict[tuple[int, int], int]:
-    """Return the fingers of what a hand can hold, by key and first state.
+    """Return the fingers of all presses that a hand can hold, by key and first state.
 
-    Fingers are chosen anew for what is left, until all of it can be held.
+    Fingers are chosen again for the remaining presses until the hand can hold them all.
     """
     while True:
         fingers = zip(presses, choose(presses, sign, robot=robot), strict=True)
@@ -177,10 +177,10 @@ def choose(
     change: float = CHANGE_FINGER,
     robot: HandSpec | None = None,
 ) -> list[int]:
-    """Return the fingers, from 0, the thumb, of the presses of a hand that cost the least.
+    """Choose the fingers, from 0, the thumb, with the least cost for the presses of a hand.
 
-    Presses are in order of time; ``change`` is the cost of a finger that is not the written one.
-    ``robot`` is the hand, by default the default one.
+    Presses are in order of time; ``change`` is the cost of changing a written finger. ``robot`` is
+    the model of the hand, Shadow's by default.
     """
     chords = (list(struck) for _, struck in groupby(presses, key=lambda press: press.first))
     model = _Robot(sign, change, robot or find_hand())
@@ -198,12 +198,12 @@ class _Robot:
     sign: int
     """1 for the right hand, -1 for the left one."""
     change: float
-    """Cost of a finger that is not the written one."""
+    """Cost of changing a written finger."""
     robot: HandSpec
     """The hand."""
 
     def held(self, down: list[Press], struck: list[Press]) -> tuple[list[Press], list[Press]]:
-        # In its last state a key may come up: legato overlaps by one when it is rounded to steps.
+        # A key may come up in its last state: rounding to steps makes legato overlap by one.
         return [press for press in down if press.last > struck[0].first], []
 
     def lay(
@@ -216,7 +216,7 @@ class _Robot:
         for way in dict.fromkeys(map(tuple, before.states[:, places].tolist())):
             free = [finger for finger in range(count) if finger not in way]
             new = list(combinations(free, len(struck)))
-            if not new:  # more than the hand can do: as it is written
+            if not new:  # more than the hand can do: keep the written fingers
                 new = [tuple(min(press.finger, count - 1) for press in struck)]
             states += [(*way, *fingers) for fingers in new]
         return Onset([*held, *struck], np.array(states))
@@ -237,7 +237,7 @@ class _Robot:
             doubled |= np.any([now[press] == now[other] for other in others], axis=0)
         late, early = self._lost_to_leaps(before, now)
         cost = cost + late + early
-        cost[:, doubled] = 0.0  # as it is written: there is no choice
+        cost[:, doubled] = 0.0  # written fingers, without a choice
         for press in before.keys() & now.keys():
             cost[before[press] != now[press]] = np.inf
         return cost
@@ -245,7 +245,7 @@ class _Robot:
     def _lost_to_leaps(
         self, before: Mapping[Press, States], now: Mapping[Press, States]
     ) -> tuple[Table, Table]:
-        """Return by how much new notes begin late and ended ones end early, summed over notes."""
+        """Sum the delays of new notes and the losses of ended ones over notes."""
         late = dict.fromkeys((press for press in now if press not in before), np.zeros(1))
         early = dict.fromkeys((press for press in before if press not in now), np.zeros(1))
         for one, other in product(early, late):
@@ -257,7 +257,7 @@ class _Robot:
         return sum(late.values(), np.zeros(1)), sum(early.values(), np.zeros(1))
 
     def _grips(self, one: Press, other: Press) -> Table:
-        """Return what it costs that two keys are held together, by their fingers: (f, f)."""
+        """Compute the cost of holding two keys together, by their fingers: (f, f)."""
         apart = _across(other, self.sign) - _across(one, self.sign)
         if apart < 0:
             return self._grips(other, one).T
@@ -268,9 +268,9 @@ class _Robot:
 
 @functools.lru_cache(maxsize=8192)
 def _leaps(key: int, later_key: int, rest: int, sign: int, count: int) -> Table:
-    """Return how late a note begins and how early the one before ends, by their fingers: (2, f, f).
+    """Compute the delay of a note and the loss of the one before, by their fingers: (2, f, f).
 
-    `rest` is the control steps between them.
+    `rest` is the number of control steps between them.
     """
 
     def costs(finger: int, other: int) -> tuple[float, float]:
@@ -291,10 +291,10 @@ def _leaps(key: int, later_key: int, rest: int, sign: int, count: int) -> Table:
 
 
 def _early_releases(presses: Sequence[Press], sign: int, robot: HandSpec) -> list[EarlyRelease]:
-    """Return what a hand has to release early so that it can play the others.
+    """List the presses that a hand must release early to play the others.
 
-    What is held already makes way for what is struck. Of a chord that cannot be struck, the note
-    goes that is out of reach for most of the others; of equals, the one nearest to the thumb.
+    Held keys make way for struck ones. A chord that cannot be struck loses the note that conflicts
+    with most of the others; among equals, the one nearest to the thumb.
     """
     releases: list[EarlyRelease] = []
     held: list[Press] = []
@@ -304,7 +304,7 @@ def _early_releases(presses: Sequence[Press], sign: int, robot: HandSpec) -> lis
         return [other for other in others if not _holds(one, other, sign, robot)]
 
     def makes_way(press: Press) -> bool:
-        """Release a press if it cannot be held beside what is struck; return whether."""
+        """Release a press that conflicts with a struck one; return whether it did."""
         if against := conflicts(press):
             finger = press.finger + FINGERS_PER_HAND * (sign < 0)
             release = EarlyRelease(
@@ -331,14 +331,14 @@ def _early_releases(presses: Sequence[Press], sign: int, robot: HandSpec) -> lis
 
 
 def _across(press: Press, sign: int) -> float:
-    """Return the place of a press, from the thumb's side to the little finger's, m."""
+    """Return the position of a press, from the thumb's side to the little finger's, m."""
     return sign * float(KEY_Y[press.key])
 
 
 def _holds(one: Press, other: Press, sign: int, robot: HandSpec) -> bool:
     """Return whether a hand can hold two keys together."""
     low, high = sorted((one, other), key=lambda press: _across(press, sign))
-    if low.finger >= high.finger:  # fingers that cross are another matter
+    if low.finger >= high.finger:  # crossed fingers are not judged by distance
         return low.finger != high.finger
     apart = _across(high, sign) - _across(low, sign)
     return bool(_out_of_reach(apart, robot)[low.finger, high.finger] <= _MAX_OVERREACH)

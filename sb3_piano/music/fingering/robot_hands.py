@@ -1,13 +1,12 @@
-"""Hands for the simulated hands, whose forearms need room and whose leaps cost sound.
+"""Assign notes to the simulated hands, whose forearms need room and whose leaps cost sound.
 
-What a score gives to a hand is for people, whose arms pass each other and whose hands meet on
-neighbouring keys. The simulated forearms are 15 cm thick and stay beside each other: where both
-hands are needed at one place, one of them is not there. A note goes to the other hand where that
-saves sound. Costs are in control steps of sound, as in :mod:`sb3_piano.music.fingering.robot`.
+A score assigns notes to people's hands, whose arms pass each other and whose hands meet on
+neighbouring keys. The simulated forearms are 15 cm thick and stay side by side: both hands cannot
+be at one place. A note goes to the other hand where that saves sound. Costs are in control steps
+of sound, as in :mod:`sb3_piano.music.fingering.robot`.
 
-The costs of a stretch and of being too near were chosen by how the sight-reader plays the
-repertoire and six Hanon studies; on 24 generated excerpts, which had no say, its F1 rises from
-0.768 to 0.784.
+The costs of a stretch and of nearness were tuned by the sight-reader's play of the repertoire and
+six Hanon studies; on 24 held-out generated excerpts its F1 rises from 0.768 to 0.784.
 """
 
 from __future__ import annotations
@@ -34,26 +33,26 @@ from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
 
 _CHANGE = 1.0  # a note that goes to the other hand
-_STRETCH = 1.5  # a white key between those struck together that is more than the fingers cover
-_OVERREACH = 0.01  # m, beyond the span of the hand: a key is lost
-_LOST = 8.0  # a key that is struck and cannot be reached, or has no finger
-_HELD = 2.0  # one that is held and has to be let go for want of a finger
+_STRETCH = 1.5  # per white key by which a chord is wider than the fingers cover
+_OVERREACH = 0.01  # m, excess over the span of the hand that loses a key
+_LOST = 8.0  # a struck key that is out of reach, or has no finger
+_HELD = 2.0  # a held key that is released for want of a finger
 _TOO_NEAR = 2.0  # a strike of a hand that is 5 cm too near to the other one
 _NEAR_UNIT, _NEAR_MOST = 0.05, 0.10  # m
-_ARM_STEPS = 12  # control steps after its last note in which a hand is still where it was
+_ARM_STEPS = 12  # control steps after its last note in which a hand stays where it was
 
 _HIGH, _END = 1, 2
-"""Of a hand's state: after the least place of its middle finger, as seen by a right hand, m, comes
-the greatest one, m, and when its last notes end, in control steps."""
+"""Indices of a hand's state. Index 0 is the least place of its middle finger, mirrored for the left
+hand, m; then follow the greatest place, m, and the end of its last notes, in control steps."""
 
 
 def robot_hands(score: Score, control_timestep: float, robot: HandSpec | None = None) -> Score:
-    """Return a score with the hands that suit the simulated hands best.
+    """Choose the hands of a score that suit the simulated hands best.
 
     Notes that change hands lose their fingers. A piece for one hand stays with that hand.
 
     Args:
-        score: The piece; where it has no hands, it is first shared as between a pianist's.
+        score: The piece; missing hands are first assigned as for a pianist.
         control_timestep: Length of a control step, s.
         robot: The hands; by default the default ones.
     """
@@ -85,7 +84,7 @@ class _Robot(HandCosts):
     def costs(self, states: FloatArray, chord: Chord) -> tuple[FloatArray, FloatArray]:
         cost, after = super().costs(states, chord)
         changed = (chord.left_takes != _written(chord.struck)).sum(axis=1)
-        # How far the right hand can be from the left one, whose places are seen in the mirror.
+        # Largest distance between the hands; the left hand's places are mirrored.
         apart = after[..., _HIGH].sum(axis=-1)
         onset = chord.onset / self.control_timestep
         near = (onset - after[..., _END] <= _ARM_STEPS).all(axis=-1)
@@ -121,10 +120,10 @@ def _grip(part: Part, robot: HandSpec) -> FloatArray:
 def _places(
     states: FloatArray, low: FloatArray, high: FloatArray, onset: float, above: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where a hand is to be, (ways, options, 2), and what it costs it to go there.
+    """Return the next place of a hand, (ways, options, 2), and the cost of moving there.
 
     Fingers cover keys from two spacings below the middle finger to one for each of those ``above``
-    it: a hand can be wherever its keys are covered, and stays where it can.
+    it: a hand can be at any place that covers its keys, and stays if possible.
     """
     ends = np.stack([high - above * KEY_SPACING, low + MIDDLE * KEY_SPACING])
     wide = ends[0] > ends[1]

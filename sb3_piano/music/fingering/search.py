@@ -1,9 +1,8 @@
-"""The search: the fingers of a hand that cost the least over a whole piece, for any model of costs.
+"""Find the fingers of a hand with the least total cost, for any cost model.
 
-An order-k Viterbi search (Viterbi 1967). A *state* is a way to lay fingers on all keys that are
+This is an order-k Viterbi search (Viterbi 1967). A *state* assigns fingers to all keys that are
 down from one onset to the next; a cost depends on the states of an onset and of the k before it.
-The search is exact unless the number of states that are followed is limited. Time and memory grow
-with the number of onsets.
+The search is exact unless the number of states is limited. Time and memory grow with the onsets.
 """
 
 from __future__ import annotations
@@ -28,31 +27,31 @@ class Onset(Generic[K]):
     """Keys that are down from one onset to the next."""
 
     down: list[K]
-    """What is held and what is struck."""
+    """Held and struck keys."""
     states: States
-    """(states, down) ways to lay fingers on them."""
+    """(states, down) assignments of fingers to them."""
 
 
 S = TypeVar("S", bound=Onset)
 
 
 class CostModel(Protocol[K, S]):
-    """What a hand can do, and what its fingers cost."""
+    """Model of a hand: possible fingers and their costs."""
 
     def held(self, down: list[K], struck: list[K]) -> tuple[list[K], list[K]]:
-        """Return what of `down` stays when others are struck, and what has to be let go.
+        """Split `down` into keys that stay held at the next strike and keys that are released.
 
-        What stays is in the order in which it is let go if no state can be reached with it.
+        Held keys are in order of release, for the case that no state can be reached with them.
         """
 
     def lay(self, path: Sequence[S], held: list[K], struck: list[K]) -> S:
-        """Return the ways to lay fingers on what is held and what is struck."""
+        """Return the assignments of fingers to held and struck keys."""
 
     def costs(self, path: Sequence[S], onset: S) -> Table:
-        """Return what the states of an onset cost after those before, infinity if impossible.
+        """Compute the costs of an onset's states after the path; infinity if impossible.
 
         Returns:
-            (..., states of the last onset, states), or what broadcasts to it.
+            (..., states of the last onset, states), or an array that broadcasts to it.
         """
 
 
@@ -61,22 +60,22 @@ class Fingering(Generic[K]):
     """The cheapest fingers of a hand."""
 
     fingers: dict[K, int]
-    """The finger, 0 (thumb) to 4, of each key that is struck."""
+    """The finger, 0 (thumb) to 4, of each struck key."""
     cost: float
     released: list[K]
-    """What is let go before its end."""
+    """Keys released before their end."""
 
 
 def search(
     chords: Iterable[list[K]], model: CostModel[K, S], order: int, most_states: int | None = None
 ) -> Fingering[K]:
-    """Find the fingers that cost the least, for what is struck at each onset, in order of time.
+    """Find the fingers with the least cost for the keys struck at each onset, in order of time.
 
-    A cost depends on ``order`` earlier onsets. Of an onset ``most_states`` states are followed, the
-    cheapest; by default all.
+    A cost depends on ``order`` earlier onsets. The cheapest ``most_states`` states of an onset are
+    kept; by default all.
     """
     path: list[S] = []
-    backs: list[States] = []  # for the states of the last onsets: that of the one before them
+    backs: list[States] = []  # for the states of the last onsets, the best state before them
     best: Table = np.zeros((1,) * order)
     released: list[K] = []
     for struck in chords:

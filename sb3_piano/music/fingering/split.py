@@ -1,4 +1,4 @@
-"""Hands for a score: which hand plays a note when the file does not say."""
+"""Assign notes to a pianist's hands where the file does not give them."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from sb3_piano.music.fingering.hand_search import HandCosts, Part, lowest_left, 
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
 
-# What it costs to give notes to a hand. Widths and ways are in semitones.
-_WIDTH = 0.1  # per semitone between the lowest and the highest key a hand strikes together
+# Costs of giving notes to a hand. Widths and ways are in semitones.
+_WIDTH = 0.1  # per semitone of a hand's chord, lowest to highest key
 _COMFORTABLE, _WIDE = 12.0, 1.0  # width from which a semitone costs more, and how much
-_HELD, _HELD_MOST = 0.3, 3.0  # per semitone and finger that held keys add; they can be let go of
-_FINGER = 5.0  # for each key beyond five that a hand has to strike together
-_ENTRY = 0.5  # for a hand that strikes for the first time
+_HELD, _HELD_MOST = 0.3, 3.0  # per semitone and finger added by held keys; limited by a release
+_FINGER = 5.0  # for each key beyond five that a hand strikes together
+_ENTRY = 0.5  # for a hand's first strike
 _WAY = 0.06  # per semitone that the middle of a hand moves
 _REACH, _FAR = 9.0, 0.15  # way from which a semitone costs more, and how much
 _CROSSING, _CROSSING_SIZE = 1.0, 0.2  # for keys beyond the other hand's last ones, and per semitone
 _MEMORY = 1.0  # s after which a hand's last place matters 1/e as much for crossing
 _CENTRE, _REGISTER = 60.0, 0.03  # per semitone of the right hand below this pitch, the left above
-_SLOWEST, _FASTEST = 0.3, 2.0  # between these the time there is weighs the ways
-_PACE = 0.25  # s since a hand last struck at which ways cost what is said here
+_SLOWEST, _FASTEST = 0.3, 2.0  # limits of the factor by which time weights the ways
+_PACE = 0.25  # s since a hand's last strike at which that factor is 1
 
 _PLACE, _EDGE, _STRUCK = range(3)
-"""A hand's state: the middle of what it struck last and its key nearest to the other hand, both as
-MIDI pitches, and when that was, s."""
+"""A hand's state: the middle of its last chord and its key nearest to the other hand, both as MIDI
+pitches, and the time of that chord, s."""
 
 
 def assign_hands(score: Score) -> Score:
-    """Return the score with a hand for each note.
+    """Assign a hand to each note of a score.
 
-    Hands that are known stay. The others are found by a beam search over the keys struck at a
-    time: of these the left hand takes the lower ones, so that hands never cross within a chord,
-    and it costs something for a hand to stretch, to travel, or to strike beyond the other hand.
+    Known hands stay. A beam search over chords finds the others. The left hand takes the lower keys
+    of a chord, so that hands never cross within it. Stretching, travelling and striking beyond the
+    other hand have costs.
     """
     if all(note.hand is not None for note in score.notes):
         return score

@@ -1,4 +1,4 @@
-"""File formats: what a score is read from and written to, by a file's suffix."""
+"""File formats of scores, chosen by a file's suffix."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ WRITERS: Mapping[str, Callable[[Score, Path], None]] = MappingProxyType(
         ".mid": write_midi,
         ".midi": write_midi,
         ".txt": write_pig,
-        # Whoever writes a file without further words wants to read it in a notation program.
+        # The default tempo is the most legible one, for notation programs.
         **dict.fromkeys(_MUSICXML, partial(write_musicxml, tempo=None)),
     }
 )
@@ -47,13 +47,13 @@ ACCEPTED_FILES = (
     "a .mid or .midi file (MIDI), a .musicxml, .mxl or .xml file (MusicXML) or a .txt file (PIG "
     "fingering)"
 )
-"""The files that can be read, for messages."""
+"""Readable files, for messages."""
 
 
 def read_score(path: str | os.PathLike[str], parts: Sequence[str | int] = ()) -> Score:
-    """Read a file in the format that its suffix tells.
+    """Read a file in the format of its suffix.
 
-    Of MusicXML, parts may be chosen by their names, or numbers from 1.
+    Parts of MusicXML may be chosen by name, or by number from 1.
 
     Raises:
         ScoreError: If the suffix is unknown, or the file cannot be read as a score.
@@ -70,7 +70,7 @@ def read_score(path: str | os.PathLike[str], parts: Sequence[str | int] = ()) ->
 
 
 def write_score(score: Score, path: str | os.PathLike[str]) -> None:
-    """Write a file, whole or not at all, in the format that its suffix tells.
+    """Write a file atomically, in the format of its suffix.
 
     Raises:
         ScoreError: If the suffix is unknown, or the file cannot be written.

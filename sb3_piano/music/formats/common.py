@@ -1,4 +1,4 @@
-"""Parts of several formats: notes that are left out, writing."""
+"""Shared code of the formats: left-out notes, choice of parts, writing."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _MOST_NAMED = 3
 
 
 class LeftOut:
-    """The notes that were left out while a file was read."""
+    """Collects the notes left out while a file is read."""
 
     def __init__(self) -> None:
         self._notes: dict[str, list[tuple[float, int]]] = defaultdict(list)
 
     def add_empty(self, time: float, pitch: int) -> None:
-        """Take note of a note that ends when it starts, at a time in s."""
+        """Record a note without length, at a time in s."""
         self._notes["without length"].append((time, pitch))
 
     def is_playable(self, onset: float, offset: float, pitch: int) -> bool:
-        """Return whether a piano has the key and the note a length; take note of it if not."""
+        """Return whether a note is on the keyboard and has a length; record it if not."""
         if not MIN_PITCH <= pitch <= MAX_PITCH:
             self._notes["off the keyboard"].append((onset, pitch))
         elif not offset > onset:
@@ -37,17 +37,17 @@ class LeftOut:
         return False
 
     def warn(self, path: Path) -> None:
-        """Warn the caller of a reader, which calls this, of what was left out, if anything."""
+        """Warn the caller of a reader about left-out notes, if there are any."""
         if self._notes:
             warnings.warn(f"Reading {str(path)!r} left out {self}.", ScoreWarning, stacklevel=3)
 
     @property
     def only(self) -> str:
-        """What there is where no note is left, as ``", only 1 note off..."``; may be empty."""
+        """Text about left-out notes for an error, as ``", only 1 note off..."``; may be empty."""
         return f", only {self}" if self._notes else ""
 
     def __str__(self) -> str:
-        """Return ``"2 notes without length (D4 at 1 s, E4 at 2 s)"``, empty if there are none."""
+        """Return ``"2 notes without length (D4 at 1 s, E4 at 2 s)"``; empty without notes."""
         return " and ".join(
             f"{len(self._notes[kind])} note{'s' * (len(self._notes[kind]) > 1)} {kind} "
             f"({_first(self._notes[kind])})"
@@ -62,7 +62,7 @@ def _first(events: Sequence[tuple[float, int]]) -> str:
 
 
 def chosen_parts(path: Path, names: Sequence[str], chosen: Sequence[str | int]) -> set[int]:
-    """Return the indices of the parts of a file that are chosen by name, or number from 1.
+    """Find the indices of the parts of a file chosen by name, or by number from 1.
 
     Raises:
         ScoreError: If there is no such part.
@@ -82,7 +82,7 @@ def chosen_parts(path: Path, names: Sequence[str], chosen: Sequence[str | int]) 
 
 
 def write_score_file(path: Path, content: bytes) -> None:
-    """Write the bytes of a score, whole or not at all.
+    """Write the bytes of a score atomically.
 
     Raises:
         ScoreError: If the file cannot be written.

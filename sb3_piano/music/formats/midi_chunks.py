@@ -1,8 +1,8 @@
-"""Chunks and messages of MIDI files, as programs write them and not only as the standard has them.
+"""Parse chunks and messages of MIDI files, also where programs violate the standard.
 
-Libraries refuse a whole file for one odd message that no score needs. This reader skips chunks that
-are no track, trusts no count or length that the bytes contradict, and ignores the messages that no
-score needs. The page in the browser reads the same way (``web/src/music/smf.ts``).
+Libraries refuse a whole file for one odd message that no score needs. This parser skips unknown
+chunks, ignores counts and lengths that contradict the bytes, and skips messages that no score
+needs. The browser page parses in the same way (``web/src/music/smf.ts``).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 META = 0xFF00
-"""Added to the type of a meta message, this is its status in an :class:`Event`."""
+"""Base of a meta message's status in an :class:`Event`; the message's type is added."""
 
 _HEADER, _TRACK = b"MThd", b"MTrk"
 _HEAD = 8
@@ -19,10 +19,10 @@ _HEAD = 8
 
 _END_OF_TRACK = 0x2F
 _NTSC = 29
-"""Stands for 30,000 frames in 1,001 s (MIDI 1.0)."""
+"""Code of 30,000 frames in 1,001 s (MIDI 1.0)."""
 
 _SYSTEM_DATA = {0xF1: 1, 0xF2: 2, 0xF3: 1}
-"""Number of data bytes of system messages that have any."""
+"""Number of data bytes by system message, 0 if missing."""
 
 
 class Event(NamedTuple):
@@ -34,7 +34,7 @@ class Event(NamedTuple):
 
 
 class Track(NamedTuple):
-    """The messages of a track, and the tick at which it ends."""
+    """The messages of a track, and its last tick."""
 
     events: list[Event]
     end: int
@@ -45,12 +45,12 @@ class MidiFile:
     """The contents of a file.
 
     Attributes:
-        kind: 0, 1, or 2 (the tracks are pieces of their own).
-        ticks_per_beat: Ticks of a quarter note, 0 if ticks are parts of a second.
-        ticks_per_second: Ticks of a second, 0 if they are parts of a beat.
+        kind: 0, 1, or 2 (each track is a piece).
+        ticks_per_beat: Ticks of a quarter note, 0 if ticks divide a second.
+        ticks_per_second: Ticks of a second, 0 if they divide a beat.
         tracks: The tracks.
-        malformed: Number of channel messages with data above 127, which are read as 127, and of
-            tracks that go on behind their end.
+        malformed: Number of malformed items: channel messages with data above 127, read as 127, and
+            tracks that continue after their end.
     """
 
     kind: int
@@ -61,10 +61,10 @@ class MidiFile:
 
 
 def parse_midi(data: bytes) -> MidiFile:
-    """Parse the bytes of a file, which may have anything before its header, such as RIFF's.
+    """Parse the bytes of a file; bytes before its header, such as RIFF's, are skipped.
 
     Raises:
-        ValueError: If it has no header or no track, or a track ends within a message.
+        ValueError: If it has no header or no track, or ends within a message.
     """
     start = data.find(_HEADER)
     if start < 0:
@@ -88,7 +88,7 @@ def parse_midi(data: bytes) -> MidiFile:
 
 
 def _division(high: int, low: int) -> tuple[int, float]:
-    """Return the ticks of a beat and of a second, one of which is 0."""
+    """Parse the ticks of a beat and of a second; one of them is 0."""
     if high < 0x80 and (high or low):
         return high * 256 + low, 0
     if high < 0x80 or low == 0:
@@ -102,13 +102,13 @@ def _end_of_chunk(data: bytes, at: int) -> int:
 
 
 def _is_boundary(data: bytes, at: int) -> bool:
-    """Return whether a chunk may begin here, or the file ends, but for a few bytes of padding."""
+    """Return whether a chunk may begin here, or only padding is left."""
     left = len(data) - at
     return 0 <= left < _HEAD or (left > 0 and all(32 <= byte < 127 for byte in data[at : at + 4]))
 
 
 def _next_chunk(data: bytes, begin: int, end: int) -> int:
-    """Return where the next chunk begins; one ends at ``end``, unless its length is wrong."""
+    """Find the next chunk: at ``end``, unless the length of the present one is wrong."""
     if data[begin : begin + 4] == _TRACK:
         return begin
     if end >= begin and _is_boundary(data, end):
@@ -118,16 +118,16 @@ def _next_chunk(data: bytes, begin: int, end: int) -> int:
 
 
 class _TrackReader:
-    """Reads the messages of a track from ``at``; ``end`` is its end by the length of the chunk."""
+    """Reads a track's messages from ``at``; ``end`` is its end by the chunk's length."""
 
     def __init__(self, data: bytes, at: int, end: int) -> None:
         self._data, self.at, self._end = data, at, end
-        # A length that leads to another track is right. Any other may be wrong.
+        # A length that leads to another track is right; others may be wrong.
         self._limit = end if data[end : end + 4] == _TRACK else len(data)
         self.malformed = 0
 
     def read(self) -> Track:
-        """Read up to the message at the end of the track, which some programs do not write."""
+        """Read up to the end-of-track message, which some programs omit."""
         events: list[Event] = []
         tick = running = 0
         while not self._is_over():
@@ -167,7 +167,7 @@ class _TrackReader:
         return self._data[start : self.at]
 
     def _number(self) -> int:
-        """Read a number of one to four bytes, seven bits each."""
+        """Read a variable-length number of one to four bytes, seven bits each."""
         number = 0
         for _ in range(4):
             byte = self._take(1)[0]

@@ -1,4 +1,4 @@
-"""Hand of a track of a MIDI file, as far as the file tells."""
+"""Infer the hands of a MIDI file's tracks from names and pitches."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ _PHRASES: dict[Hand, str] = {
     "right": "right hand|righthand|rh|rechte hand|main droite|mano destra|mano derecha",
     "left": "left hand|lefthand|lh|linke hand|main gauche|mano sinistra|mano izquierda",
 }
-"""Words that name a hand wherever they stand in the name of a track."""
+"""Words that name a hand anywhere in the name of a track."""
 
 _BARE: dict[Hand, str] = {
     "right": "right|upper|upper staff|treble|treble clef|treble staff|rechts|droite|md",
     "left": "left|lower|lower staff|bass clef|bass staff|links|gauche|mg|ms",
 }
-"""Words that name a hand only where nothing but a piano is named beside them: not "Guitar left"."""
+"""Words that name a hand only without another instrument: not "Guitar left"."""
 
 _PIANO = "piano|pianoforte|pno|pf|klavier|clavier|keyboard|keys|grand|acoustic|solo|track|part"
 
 _PIANOS = range(8)
-"""The programs of General MIDI that are pianos, the harpsichord and the clavinet among them."""
+"""The piano programs of General MIDI, including harpsichord and clavinet."""
 
 _LEAST_DISTANCE = 7
-"""Semitones between the middles of two tracks that make them the two hands: a fifth."""
+"""Least distance of the middles of two tracks that are the two hands, semitones: a fifth."""
 
 _MOST_STRUCK_AT_ONCE = 5
 
 
 class MidiNote(NamedTuple):
-    """A note, from one tick to another."""
+    """A note with its first and last tick."""
 
     start: int
     end: int
@@ -53,11 +53,11 @@ class MidiTrack:
 
 
 def hands_of_tracks(tracks: Sequence[MidiTrack]) -> list[Hand | None]:
-    """Return the hand of each track that has notes (no drums), None where the file does not tell.
+    """Infer the hand of each track with notes (no drums), None where unknown.
 
-    The names decide, see :func:`hand_of_name`. Where no name tells anything, two tracks of one
-    piano are the two hands if the medians of their pitches are at least a fifth apart and neither
-    strikes more than five keys at a time: the higher one is the right hand.
+    The names decide, see :func:`hand_of_name`. Without a telling name, two tracks of one piano are
+    the two hands if the medians of their pitches are at least a fifth apart and neither strikes
+    more than five keys at a time. The higher one is then the right hand.
     """
     hands = [hand_of_name(track.name) for track in tracks]
     if not any(hands) and _are_of_one_piano(tracks) and not any(map(_is_too_full, tracks)):
@@ -68,10 +68,10 @@ def hands_of_tracks(tracks: Sequence[MidiTrack]) -> list[Hand | None]:
 
 
 def hand_of_name(name: str) -> Hand | None:
-    """Return the hand that the name of a track tells: ``"Piano RH"``, ``"main gauche"``.
+    """Find the hand in the name of a track: ``"Piano RH"``, ``"main gauche"``.
 
-    Case, digits, punctuation and the word piano do not matter. A name that tells both hands or
-    another instrument as well ("Guitar left") tells neither.
+    Case, digits, punctuation and the word piano do not matter. A name with both hands, or with
+    another instrument ("Guitar left"), gives None.
     """
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).casefold()
     letters = re.sub(r"[\W\d_]+", " ", apart)
@@ -93,6 +93,6 @@ def _are_of_one_piano(tracks: Sequence[MidiTrack]) -> bool:
 
 
 def _is_too_full(track: MidiTrack) -> bool:
-    """Return whether a track strikes more keys at a time than a hand does."""
+    """Return whether a track strikes more keys at a time than one hand can."""
     struck = Counter(note.start for note in track.notes)
     return max(struck.values()) > _MOST_STRUCK_AT_ONCE

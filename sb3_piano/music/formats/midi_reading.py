@@ -1,7 +1,7 @@
-"""Reading MIDI files: notes, pedal, bars, and labels from the names of the tracks.
+"""Read MIDI files: notes, pedal, bars, and labels from the names of the tracks.
 
-Notes of tracks named as :mod:`~sb3_piano.music.formats.midi_writing` names them have that finger;
-those of other tracks have none, but a hand if the file tells which.
+A track name from :mod:`~sb3_piano.music.formats.midi_writing` gives the finger of its notes. Other
+tracks give no finger, but a hand if it can be inferred.
 """
 
 from __future__ import annotations
@@ -27,33 +27,33 @@ from sb3_piano.music.score import Score
 from sb3_piano.music.text_file import reading
 
 SUSTAIN_CONTROLLER = 64
-"""Number of the sustain pedal among the MIDI controllers."""
+"""MIDI controller number of the sustain pedal."""
 
 _PEDAL_DOWN_FROM = 64
-"""Value (0-127) from which a pedal counts as down (MIDI 1.0; the equal number is chance)."""
+"""Least value (0-127) of a pedal that is down (MIDI 1.0; equal to the number by chance)."""
 
 _DRUM_CHANNEL = 9
 
 _COMMON_TIME = (4, 4)
-"""The meter of a file that names none (MIDI 1.0)."""
+"""Default meter of a file (MIDI 1.0)."""
 
 _SHORTEST_BEAT = 6
-"""A meter in shorter notes than 64ths, 2**6, is taken for damage, and ignored."""
+"""Exponent of the shortest beat, a 64th; meters in shorter notes are damage and ignored."""
 
 _MOST_BARS = 100_000
-"""More are taken for damage: at one every half second they last for 14 hours."""
+"""Limit of bars, beyond which a file is damaged: at one every half second they last 14 hours."""
 
 _SEQUENCES = 2
-"""Format of files whose tracks are pieces of their own (MIDI 1.0)."""
+"""Format of files in which each track is a piece (MIDI 1.0)."""
 
 _NOTE_OFF, _NOTE_ON, _CONTROL, _PROGRAM = 0x80, 0x90, 0xB0, 0xC0
-"""Statuses of the messages that count, on channel 0."""
+"""Statuses of the messages that are read, on channel 0."""
 
 _TRACK_NAME, _TEMPO, _METER = META | 0x03, META | 0x51, META | 0x58
 
 _RESET_CONTROLLERS = 121
 _ENDS_ALL_NOTES = frozenset({120, 123, 124, 125, 126, 127})
-"""All sound off, all notes off, and the changes of mode, which imply it (MIDI 1.0)."""
+"""All sound off, all notes off, and mode changes, which imply it (MIDI 1.0)."""
 
 _Place = tuple[int, int, int]
 """Program, channel and index of a track."""
@@ -78,17 +78,17 @@ _FURTHER_TRACK = re.compile(r"(\S+) \d+")
 def read_midi(path: str | os.PathLike[str]) -> Score:
     """Read a MIDI file; its name without the suffix becomes the title.
 
-    All tracks but drums are read as piano. A release ends all notes of its pitch, channel and track
-    that sound, and if there is none, those of other tracks that are released nowhere else; the
-    controllers that silence a channel end its notes in all tracks. A note never released lasts
+    All tracks but drums are read as piano. A release ends all sounding notes of its pitch, channel
+    and track. Without such a note, it ends notes in other tracks that have no release of their own.
+    Controllers that silence a channel end its notes in all tracks. A note without a release lasts
     until the end of its track. The sustain pedal (controller 64, down from 64 on) is down while any
-    track holds it down; a pedal never released lasts until the end of the last note. Bars go by the
-    time signatures of all tracks, each of which begins one, and are of 4/4 until the first. Notes
-    off the keyboard and notes without length are left out, with a warning that counts them.
+    track holds it; without a release, it lasts until the end of the last note. Bars follow the time
+    signatures of all tracks, each of which starts a bar; before the first they are of 4/4. Notes
+    off the keyboard or without length are left out, with a warning that counts them.
 
     Raises:
         ScoreError: If there is no such file, it is not MIDI, or no note remains.
-        ScoreWarning: Is warned if notes were left out, or messages are malformed.
+        ScoreWarning: If notes were left out, or messages are malformed.
     """
     path = Path(path)
     reader = _Reader()
@@ -136,7 +136,7 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
 
 
 def _signs(tracks: Sequence[Track]) -> tuple[dict[int, int], dict[int, tuple[int, int]], int]:
-    """Return tempos, in us a beat, and meters by tick, and how many of them are malformed."""
+    """Return tempos, in us a beat, and meters by tick, and the number of malformed ones."""
     tempos: dict[int, int] = {}
     meters = {0: _COMMON_TIME}
     malformed = 0
@@ -165,7 +165,7 @@ def _warn_of_malformed(path: Path, count: int) -> None:
 
 
 def _seconds(tempos: Mapping[int, int], file: MidiFile) -> Callable[[int], float]:
-    """Return the function from ticks to seconds, by the tempo changes of all tracks."""
+    """Make the function from ticks to seconds from the tempo changes of all tracks."""
     if file.ticks_per_second:
         return lambda tick: tick / file.ticks_per_second
     starts, times, lengths = [0], [0.0], [60.0 / (120.0 * file.ticks_per_beat)]
@@ -186,7 +186,7 @@ def _seconds(tempos: Mapping[int, int], file: MidiFile) -> Callable[[int], float
 
 
 def _bars(meters: Mapping[int, tuple[int, int]], file: MidiFile) -> Iterator[int]:
-    """Yield the tick with which each bar begins, before the end of the longest track."""
+    """Yield the first tick of each bar, up to the end of the longest track."""
     if not file.ticks_per_beat:
         return
     last = max(track.end for track in file.tracks)
@@ -201,18 +201,18 @@ def _bars(meters: Mapping[int, tuple[int, int]], file: MidiFile) -> Iterator[int
 
 
 class _Reader:
-    """Goes through the tracks.
+    """Collects notes and pedals of all tracks.
 
     Attributes:
-        empty: Notes that are struck and released at one moment: (tick, pitch).
-        pedals: Presses of the sustain pedal, (down, up), up None if it is never released.
+        empty: Notes struck and released at the same tick: (tick, pitch).
+        pedals: Presses of the sustain pedal, (down, up); up is None without a release.
     """
 
     def __init__(self) -> None:
         self._tracks: dict[_Place, MidiTrack] = {}
         self.empty: list[tuple[int, int]] = []
         self.pedals: list[tuple[int, int | None]] = []
-        # What a track leaves open, and what may close it in another track of the channel.
+        # Notes and pedals left open by a track, and the events of other tracks that may end them.
         self._open: list[tuple[_Place, MidiNote]] = []
         self._open_pedals: list[tuple[int, int]] = []
         self._releases: dict[tuple[int, int], list[int]] = defaultdict(list)
@@ -221,7 +221,7 @@ class _Reader:
 
     @property
     def tracks(self) -> list[MidiTrack]:
-        """Tracks that have notes, one for each program on a channel; without drums."""
+        """Tracks with notes, one for each program on a channel, without drums."""
         return [track for track in self._tracks.values() if track.notes]
 
     def read(self, index: int, track: Track) -> None:
@@ -242,7 +242,7 @@ class _Reader:
         self._open_pedals += self._down.items()
 
     def finish(self) -> None:
-        """End what is still open, once all tracks are read."""
+        """End open notes and pedals, after all tracks are read."""
         for ticks in (*self._releases.values(), *self._silences.values(), *self._lifts.values()):
             ticks.sort()
         for at, note in self._open:
@@ -291,7 +291,7 @@ class _Reader:
         for start, velocity in before:
             self._add(self._track_of(channel), MidiNote(start, tick, pitch, velocity))
         if before and now:
-            # The release belongs to the earlier strike, written after the new one.
+            # The release belongs to the earlier strike, but is written after the new one.
             self._sounding[channel, pitch] = now
         else:
             self.empty += [(tick, pitch) for _ in now]
@@ -309,7 +309,7 @@ class _Reader:
 
 
 def _next(ticks: Sequence[int], start: int) -> int | None:
-    """Return the first of the sorted ticks that is later than ``start``."""
+    """Return the first of the sorted ticks after ``start``, or None."""
     place = bisect.bisect_right(ticks, start)
     return ticks[place] if place < len(ticks) else None
 
@@ -323,7 +323,7 @@ def _labelled_notes(tracks: list[MidiTrack]) -> list[tuple[MidiNote, _Label]]:
 
 
 def _label_of(track_name: str) -> _Label | None:
-    """Return the label that a track of ours is named by, None for one from elsewhere."""
+    """Parse the label in the name of a track of ours; None for other tracks."""
     name = track_name.strip()
     further = _FURTHER_TRACK.fullmatch(name)
     return _LABELS.get(further[1] if further else name)

@@ -1,20 +1,19 @@
-"""Writing MIDI files, with fingering in the track names.
+"""Write MIDI files, with fingering in the track names.
 
-MIDI has no field for fingers. A score is written with one track for each finger, named by the
-pianists' numbers: ``R1`` (right thumb) to ``R5`` (right little), ``L1`` to ``L5``. Notes of which
-only the hand is known are in tracks named ``right`` and ``left``, the others in one named
-``unlabelled``. Any MIDI program shows these tracks, and they survive editing.
+MIDI has no field for fingers. Each finger has a track, named by the pianists' numbers: ``R1``
+(right thumb) to ``R5`` (right little), ``L1`` to ``L5``. Notes with a hand but no finger are in
+tracks named ``right`` and ``left``, all others in one named ``unlabelled``. Any MIDI program shows
+these tracks, and they survive editing.
 
-One MIDI track cannot hold two overlapping notes of one pitch: the first release ends both. Where
-a score has them on the same finger (or both without), the second goes to a further track,
-``R1 2`` or ``unlabelled 2``.
+One MIDI track cannot hold two overlapping notes of one pitch: the first release ends both. If two
+such notes have the same label, the second goes to a further track, ``R1 2`` or ``unlabelled 2``.
 
-Times are written in ticks of 0.1 ms (coarser in pieces of more than 16 minutes, which would
-exceed what pretty_midi reads), so that a score read back differs by half of that at most. A
-note or a press of the pedal shorter than a tick lasts one tick. Bar lines are kept to half a tick
-as well: the file is at 120 beats a minute throughout, and has a time signature wherever the length
-of the bars changes. MIDI begins a bar at 0 s in any case, divides one of more than 8 minutes, and
-has bars of 4/4 (2 s) where it says nothing, as for a score without bars.
+Times are in ticks of 0.1 ms, so a score read back differs by half of that at most. Ticks are
+coarser in pieces of more than 16 minutes, because of pretty_midi's limit. Notes and presses of the
+pedal last at least one tick. Bar lines are rounded to ticks too: the file has 120 beats a minute,
+and a time signature wherever the length of the bars changes. MIDI always begins a bar at 0 s. It
+divides bars of more than 8 minutes, and has bars of 4/4 (2 s) by default, also for a score without
+bars.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ _ORDER = list(TRACK_NAMES.values())
 
 _BEATS_PER_MINUTE = 120.0
 _RESOLUTIONS = (5000, 2500, 1000, 500, 250, 100)
-"""Ticks per beat to choose from; at 120 beats a minute, 5000 make a tick of 0.1 ms."""
+"""Possible ticks per beat; at 120 beats a minute, 5000 make a tick of 0.1 ms."""
 _MAX_TICKS = 9_900_000
 """pretty_midi refuses to read files of more than 1e7 ticks."""
 
@@ -48,7 +47,7 @@ _MOST_BEATS = 255
 
 
 def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
-    """Write a score as a MIDI file, whole or not at all.
+    """Write a score as a MIDI file, atomically.
 
     Raises:
         ScoreError: If the file cannot be written, or the score is longer than 13 hours.
@@ -59,7 +58,7 @@ def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     midi.time_signature_changes = list(_time_signatures(score, tick, resolution))
     midi.instruments = _label_tracks(score, tick)
     pedals = pedals_in_ticks(score, tick)
-    for track in midi.instruments:  # each has a channel of its own, on which alone a pedal acts
+    for track in midi.instruments:  # a pedal acts on its channel alone, and each track has one
         track.control_changes = control_changes(pedals)
     contents = io.BytesIO()
     midi.write(contents)
@@ -81,9 +80,9 @@ def _choose_resolution(score: Score) -> int:
 def _time_signatures(
     score: Score, tick: float, resolution: int
 ) -> Iterator[pretty_midi.TimeSignature]:
-    """Yield the time signatures whose bars begin at the score's bar lines.
+    """Yield time signatures whose bars begin at the score's bar lines.
 
-    The piece begins a bar, too: MIDI has no bar that is under way at the start.
+    The start of the piece is a bar line too, as MIDI cannot start within a bar.
     """
     if not score.bars:
         return
@@ -101,7 +100,7 @@ def _time_signatures(
 
 
 def _label_tracks(score: Score, tick: float) -> list[pretty_midi.Instrument]:
-    """Sort the notes into tracks: right hand, left hand, unlabelled."""
+    """Distribute the notes to tracks: right hand, left hand, unlabelled."""
     tracks: dict[tuple[str, int], pretty_midi.Instrument] = {}
     free_from: dict[tuple[str, int, int], int] = {}
     for note in score.notes:
@@ -120,7 +119,7 @@ def _label_tracks(score: Score, tick: float) -> list[pretty_midi.Instrument]:
 
 
 def control_changes(pedals: Iterable[Pedal]) -> list[pretty_midi.ControlChange]:
-    """Return presses of the pedal as events of a MIDI file."""
+    """Convert presses of the pedal to MIDI events."""
     return [
         pretty_midi.ControlChange(SUSTAIN_CONTROLLER, value, time)
         for pedal in pedals
@@ -129,13 +128,13 @@ def control_changes(pedals: Iterable[Pedal]) -> list[pretty_midi.ControlChange]:
 
 
 def pedals_in_ticks(score: Score, tick: float) -> tuple[Pedal, ...]:
-    """Return the presses of the pedal, each of a tick of ``tick`` seconds or more."""
+    """Round the presses of the pedal to ticks of ``tick`` seconds, at least one each."""
     spans = [in_ticks(pedal, tick) for pedal in score.pedals]
     return merge_pedals(Pedal(onset=down * tick, offset=up * tick) for down, up in spans)
 
 
 def in_ticks(event: Note | Pedal, tick: float) -> tuple[int, int]:
-    """Return at which ticks of ``tick`` seconds an event begins and, one or more later, ends."""
+    """Convert an event to ticks of ``tick`` seconds; its end is at least one tick later."""
     start, end = round(event.onset / tick), round(event.offset / tick)
     return start, max(end, start + 1)
 

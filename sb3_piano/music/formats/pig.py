@@ -1,9 +1,9 @@
-"""Fingering files of the PIG data set (Piano fInGering; Nakamura, Saito and Yoshii 2020).
+"""Read and write fingering files of the PIG data set (Nakamura, Saito and Yoshii 2020).
 
-A line is one note, its fields separated by white space: id, onset (s), offset (s), spelled pitch,
+Each line is a note, with fields separated by white space: id, onset (s), offset (s), spelled pitch,
 onset velocity, offset velocity, channel (0 right hand, 1 left hand), finger. Fingers are 1 to 5
-in the right hand and -1 to -5 in the left, thumb to little; ``4_1`` is a finger changed while the
-key is held; an underscore may be left behind it. Lines that start with ``//`` are comments.
+in the right hand and -1 to -5 in the left, thumb to little. ``4_1`` is a finger changed while the
+key is held; a trailing underscore is allowed. Lines that start with ``//`` are comments.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ _HEAD = re.compile(
 )
 _VERSION = "//Version: PianoFingering_v170101"
 _OFFSET_VELOCITY = 80
-"""The one that the files of the data set have throughout."""
+"""The value in all files of the data set."""
 
 
 def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
     """Read a PIG fingering file; its name without the suffix becomes the title.
 
-    Of a changed finger the first is taken, since it plays the onset. The sign of the finger
-    decides the hand, whatever the channel. A finger that is 0 or missing is unknown; then the
-    channel decides the hand. Notes off the keyboard and notes that do not end after they start
-    are left out, with a warning that counts them.
+    If a finger changes, the first one is used, since it plays the onset. The sign of the finger
+    gives the hand, whatever the channel. A finger that is 0 or missing is unknown; then the channel
+    gives the hand. Notes off the keyboard and notes that do not end after they start are left out,
+    with a warning that counts them.
 
     Args:
         path: The file.
-        shortest: What is given to a note that has no length, in s.
+        shortest: Length of a note without length, in s.
 
     Raises:
         ScoreError: If there is no such file, a line is malformed, or no note remains.
-        ScoreWarning: Is warned if notes were left out.
+        ScoreWarning: If notes were left out.
     """
     path, left_out = Path(path), LeftOut()
     lines = [
@@ -67,17 +67,17 @@ def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
 
 
 def looks_like_pig(head: bytes) -> bool:
-    """Return whether a file that begins so has this format's lines: number, two times, pitch."""
+    """Return whether the start of a file has lines of this format: number, two times, pitch."""
     return _HEAD.match(head.removeprefix(codecs.BOM_UTF8)) is not None
 
 
 def write_pig(score: Score, path: str | os.PathLike[str]) -> None:
-    """Write a score as a PIG fingering file, whole or not at all.
+    """Write a score as a PIG fingering file, atomically.
 
-    Times, pitches, velocities, fingers and hands come back exactly. Bars and the pedal are lost:
-    the format has neither. A note of which only the hand is known gets the finger 0. The format
-    also has no unknown hand: where it is, the note goes to the right hand from middle C on and to
-    the left hand below.
+    Times, pitches, velocities, fingers and hands are preserved exactly. Bars and the pedal are
+    lost: the format has neither. A note with a hand but no finger gets the finger 0. The format has
+    no unknown hand either: such a note goes to the right hand from middle C up, and to the left
+    hand below.
 
     Raises:
         ScoreError: If the file cannot be written.

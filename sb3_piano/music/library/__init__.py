@@ -1,4 +1,4 @@
-"""The user's library: pieces that were imported, kept in a folder of the user's."""
+"""The user's library: imported pieces in a folder of the user's."""
 
 from sb3_piano.music.library.importing import import_path
 from sb3_piano.music.library.store import Library, imported_pieces

@@ -1,18 +1,18 @@
-"""Data sets that are known: PIG, and the snippets that come with RoboPianist; what is found.
+"""Find known data sets: PIG, and the snippets of RoboPianist's package.
 
-The PIG data set (Nakamura, Saito and Yoshii 2020) may not be passed on. RoboPianist names its 150
-pieces by their titles in the list that comes with it; those names in ``pig.yml`` are known before
-its import, the others afterwards.
+The PIG data set (Nakamura, Saito and Yoshii 2020) may not be redistributed. RoboPianist names its
+150 pieces by the titles in the data set's list. The names in ``pig.yml`` are known before the
+import, the others only afterwards.
 
-In the folder ``FingeringFiles/001-1_fingering.txt`` is the first annotator's fingering of piece 1,
-whose title is in column ``Piece`` of the first row of ``List.csv``. The first annotation of each
-piece is taken. The notes are kept as they are in the data, which has long notes where the pedal is
-held, and tempos of its own. Only those without length, of which six pieces have some, get a very
-short one: that is one control step, as in RoboPianist's piano roll.
+The file ``FingeringFiles/001-1_fingering.txt`` has the first annotator's fingering of piece 1,
+whose title is in column ``Piece`` of the first row of ``List.csv``. Each piece is imported with its
+first annotation. The notes are kept as in the data, which has long notes where the pedal is held,
+and tempos of its own. Only notes without length, in six pieces, get a very short one: one control
+step, as in RoboPianist's piano roll.
 
 The two snippets by Rousseau are read from the user's own copy of RoboPianist: he permits them for
-that benchmark, so that they do not come with this package. Their fingers are a list in the code of
-RoboPianist's library; it is read as data, without running anything.
+that benchmark, so this package cannot include them. Their fingers are a list in the code of
+RoboPianist's library; it is parsed as data, and nothing is executed.
 """
 
 from __future__ import annotations
@@ -83,16 +83,16 @@ PIG_PIECES: Mapping[str, Piece] = MappingProxyType(
         for piece in (_piece(collection, short) for short in names)
     }
 )
-"""The pieces of the PIG data set by name; making one that is not imported says how to get it."""
+"""The pieces of the PIG data set by name; making one before its import explains how to get it."""
 
 
 def find_dataset(path: Path) -> tuple[list[ImportTask], Path] | None:
-    """Return the pieces of the data set that a folder is, has in it or is in, if there is one.
+    """Find the pieces of a data set at, inside or around a folder, or None.
 
-    Beside them it returns the folder in which all files are the data set's.
+    It also returns the folder whose files all belong to the data set.
 
     Raises:
-        ScoreError: If it is not whole.
+        ScoreError: If the data set is incomplete.
     """
     inside = sorted(child for child in path.iterdir() if child.is_dir())
     for folder in (path, path.parent, *inside) if path.name == _FILES else (path, *inside):
@@ -103,7 +103,7 @@ def find_dataset(path: Path) -> tuple[list[ImportTask], Path] | None:
 
 
 def _pig_pieces(folder: Path) -> list[ImportTask]:
-    """Return the first annotation of each piece."""
+    """List the first annotation of each piece."""
     files = {int(number): paths[0] for number, paths in pig_files(folder / _FILES).items()}
     rows = _read_list(folder / _LIST)
     if max(files) > len(rows) or min(files) < 1:
@@ -115,10 +115,10 @@ def _pig_pieces(folder: Path) -> list[ImportTask]:
 
 
 def robopianist_name(title: str) -> str:
-    """Return RoboPianist's name for a title: ``"Waltz Op. 64 No. 1"`` as ``"WaltzOp64No1"``.
+    """Convert a title to RoboPianist's name: ``"Waltz Op. 64 No. 1"`` to ``"WaltzOp64No1"``.
 
-    Signs that an id cannot have are left out. What follows them stays a word of its own, and so
-    does what follows a digit: ``"1st mov"`` becomes ``"1StMov"``.
+    Signs that an id cannot have are left out. The text after such a sign or a digit starts a new
+    word: ``"1st mov"`` becomes ``"1StMov"``.
     """
     words = re.sub(r"[ _-]", " ", re.sub(r"[.,']", "", title))
     return re.sub(r"\W", "", words.title())
@@ -159,18 +159,18 @@ _SNIPPET_FOLDER = "music/data/rousseau"
 _LIBRARY = "music/library.py"
 
 _MOST_BYTES = 2**20
-"""A larger file is none of RoboPianist's, which are small."""
+"""Size limit: RoboPianist's files are small."""
 
 _SNIPPETS = {
     "twinkle-twinkle-trimmed.mid": ("TwinkleTwinkleRousseau", "Twinkle Twinkle", False),
     "nocturne-trimmed.mid": ("NocturneRousseau", "Nocturne", True),
 }
-"""Name and title by the file, and whether the fingers of simultaneous notes are listed from the
-lowest up, or else in the order of the file."""
+"""Name and title by file, and whether fingers of simultaneous notes are listed by ascending pitch
+instead of the order of the file."""
 
 
 def unpack_wheel(wheel: Path, folder: Path) -> list[ImportTask]:
-    """Unpack what is needed of a wheel of RoboPianist; return its pieces.
+    """Unpack the needed files of a wheel of RoboPianist; return its pieces.
 
     Raises:
         ScoreError: If it is not a wheel of RoboPianist.
@@ -183,7 +183,7 @@ def unpack_wheel(wheel: Path, folder: Path) -> list[ImportTask]:
                     place = folder / "robopianist" / file
                     place.parent.mkdir(parents=True, exist_ok=True)
                     place.write_bytes(read_member(archive, f"robopianist/{file}", _MOST_BYTES))
-    except Exception as error:  # a damaged archive surfaces as whatever zipfile and zlib raise
+    except Exception as error:  # zipfile and zlib raise any error for a damaged archive
         raise ScoreError(f"Cannot read '{wheel}' as a wheel: {one_line(error)}.") from error
     found = _snippets(folder, origin=wheel)
     if found is None:
@@ -195,9 +195,9 @@ def unpack_wheel(wheel: Path, folder: Path) -> list[ImportTask]:
 
 
 def _snippets(folder: Path, origin: Path) -> list[ImportTask] | None:
-    """Return the snippets of RoboPianist's package at or in a folder, None if it is not there.
+    """Find the snippets of RoboPianist's package at or in a folder, or None without a package.
 
-    Their sources tell `origin`, which the user named.
+    Their sources name `origin`, the path from the user.
     """
     packages = (folder, folder / "robopianist")
     package = next((one for one in packages if (one / _SNIPPET_FOLDER).is_dir()), None)
@@ -225,13 +225,13 @@ def _snippets(folder: Path, origin: Path) -> list[ImportTask] | None:
 
 
 def read_snippet(path: Path, *, fingers: tuple[int, ...], by_pitch: bool) -> Score:
-    """Read a snippet, and give its notes fingers, if there are any.
+    """Read a snippet, and label its notes if there are fingers.
 
-    They are listed in the order of onsets, those of simultaneous notes from the lowest up if
-    `by_pitch`, else in the order of the file.
+    Fingers are in the order of onsets; for simultaneous notes, in ascending pitch if `by_pitch`,
+    else in the order of the file.
 
     Raises:
-        ScoreError: If the file cannot be read, or there are not as many fingers as notes.
+        ScoreError: If the file cannot be read, or the numbers of fingers and notes differ.
     """
     score = read_midi(path)
     if not fingers:
@@ -254,7 +254,7 @@ def read_snippet(path: Path, *, fingers: tuple[int, ...], by_pitch: bool) -> Sco
 
 
 def _read_fingers(library: Path, title: str) -> tuple[int, ...]:
-    """Return the fingers that a function of RoboPianist's library lists; none if it does not."""
+    """Read the fingers listed in a function of RoboPianist's library; empty if it has none."""
     function = f"{title.lower().replace(' ', '_')}_rousseau"
     try:
         tree = ast.parse(read_file(library))

@@ -1,4 +1,4 @@
-"""Bring the user's music into the library."""
+"""Import the user's music into the library."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from sb3_piano.unfinished import scratch_folder
 _WHEEL = ".whl"
 
 _HEAD = 4096
-"""Size of a file's beginning that tells its kind, in bytes."""
+"""Bytes at the start of a file that are enough to recognise its format."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,14 +51,14 @@ class ImportReport:
     """Result of an import.
 
     Attributes:
-        imported: The names of the pieces that are new in the library.
-        present: The names of the pieces that were there before, from the same file and with the
-            same fingering.
-        copies: How many files are left out because another one has the same content.
-        unusable: The files that could not be imported, and why.
-        notes: The files that were imported although something in them is odd, and what.
-        interrupted: Whether Ctrl-C ended it; the pieces above are in the library all the same,
-            and another import of the same path goes on with the others.
+        imported: Names of the new pieces.
+        present: Names of the pieces that the library already had, from the same file with the same
+            fingering.
+        copies: Number of files left out because another one has the same content.
+        unusable: Files that could not be imported, and why.
+        notes: Files that were imported in spite of some defect, and the defect.
+        interrupted: Whether Ctrl-C ended the import. Imported pieces stay, and another import of
+            the same path continues with the others.
     """
 
     imported: tuple[str, ...]
@@ -81,25 +81,25 @@ def import_path(
 ) -> ImportReport:
     """Import a file, a folder of files, the PIG data set or RoboPianist's snippets.
 
-    Whatever is in the library already, from the same content and with the same fingering, is left
-    as it is, so that an import that was interrupted goes on where it was. With several processes
-    a script that calls this needs ``if __name__ == "__main__":``.
+    Pieces already in the library, from the same content and with the same fingering, stay
+    unchanged, so a repeated import continues an interrupted one. With several processes, a calling
+    script needs ``if __name__ == "__main__":``.
 
     Args:
-        path: A file of a format that can be read; a folder, searched with all in it, whose
-            MAESTRO table gives the titles if there is one; the folder of the PIG data set; a
-            wheel, a checkout or an installation of robopianist.
-        library: Where to; by default the user's own library.
+        path: A file of a supported format; a folder, searched recursively, whose MAESTRO table
+            gives the titles if it has one; the folder of the PIG data set; a wheel, a checkout or
+            an installation of robopianist.
+        library: The library to import into; by default the user's own.
         fingering: As in :func:`~sb3_piano.music.fingering.apply.apply_fingering`. By default
             ``"keep"`` for the PIG data set, which is labelled, else ``"ergonomic"``.
         name: The piece's name, if the path is a single file; by default the file's own.
-        parts: Which parts to read, if it is a single MusicXML file, by their names or numbers.
-        jobs: How many processes read; by default one for each usable core.
-        progress: Called after each piece with how many are done, and of how many.
+        parts: Parts to read from a single MusicXML file, by name or number.
+        jobs: Number of processes that read; by default one for each usable core.
+        progress: Called after each piece with the number of finished pieces and the total.
 
     Raises:
-        ScoreError: If there is nothing to import. A file of a folder that cannot be read is
-            listed in the report instead, and so is a single one.
+        ScoreError: If there is nothing to import. Unreadable files, single ones or in a folder, are
+            listed in the report instead.
         ConfigError: If a setting is not valid, or another import is under way.
     """
     library = Library() if library is None else library
@@ -144,10 +144,10 @@ def import_path(
 
 @contextlib.contextmanager
 def _search(path: Path) -> Iterator[tuple[list[ImportTask], list[Unusable]]]:
-    """Find the pieces at a path; those in a wheel are there as long as the context is.
+    """Find the pieces at a path; a wheel is unpacked for the duration of the context.
 
-    A folder is searched with all folders in it, but for hidden ones. Text and XML files count as
-    music if they look like it: folders have readmes, too.
+    A folder is searched recursively, except hidden folders. Text and XML files count as music if
+    their content looks like it, as folders also have readmes.
 
     Raises:
         ScoreError: If there is no such path, or nothing that can be imported.
@@ -200,7 +200,7 @@ def _music_files(folder: Path) -> Iterator[Path]:
 
 
 def _may_be(path: Path) -> bool:
-    """Return whether a file of a suffix that others use as well looks like music."""
+    """Return whether a file with an ambiguous suffix looks like music."""
     suffix = path.suffix.lower()
     if suffix not in (".txt", ".xml"):
         return True
@@ -211,13 +211,13 @@ def _may_be(path: Path) -> bool:
     except OSError:
         return False
     if suffix == ".xml":
-        head = head.replace(b"\0", b"")  # of UTF-16
+        head = head.replace(b"\0", b"")  # UTF-16 has them
         return b"score-partwise" in head or b"score-timewise" in head
     return looks_like_pig(head)
 
 
 def _read_titles(folder: Path) -> dict[Path, str]:
-    """Return the titles of the files in a folder that has MAESTRO's table, if it has it."""
+    """Read the titles of files from MAESTRO's table, if the folder has it."""
     tables = sorted(path for path in folder.glob("maestro-v*.csv") if path.is_file())
     if not tables:
         return {}
@@ -237,12 +237,12 @@ def _read_titles(folder: Path) -> dict[Path, str]:
 
 
 class _ImportPlan:
-    """What there is to do, ``tasks``, the names of the pieces that are there, and ``copies``."""
+    """The ``tasks`` to do, names of pieces already ``present``, and the number of ``copies``."""
 
     def __init__(
         self, library: Library, fingering: str | None, parts: Sequence[str | int] = ()
     ) -> None:
-        """Look at what the library has.
+        """Read the library's present content.
 
         Raises:
             ConfigError: If there is no such fingering.
@@ -254,10 +254,10 @@ class _ImportPlan:
         self._setting = None if fingering is None else _setting(fingering)
         self._parts = f" of {', '.join(map(str, parts))}" if parts else ""
         self._infos = library.infos()
-        # Damaged pieces hold their names, too: nothing is written over them unasked.
+        # Damaged pieces keep their names: they are not overwritten unasked.
         self._taken = set(library.names())
         self._by_content = {(i.sha256, i.setting): i.name for i in self._infos.values()}
-        # What may be replaced, by the content of its file and by the file.
+        # Replaceable pieces, by the content of their file and by its path.
         self._replaceable: dict[str, list[PieceInfo]] = defaultdict(list)
         for info in self._infos.values():
             if info.collection == "imported":
@@ -268,7 +268,7 @@ class _ImportPlan:
         self._new: set[str] = set()
 
     def add(self, task: ImportTask) -> None:
-        """Plan the import of a piece, unless it is there already.
+        """Plan the import of a piece, unless the library already has it.
 
         Raises:
             OSError: If its file cannot be read.
@@ -301,10 +301,10 @@ class _ImportPlan:
             )
 
     def _chosen_name(self, path: Path, content: tuple[str, str]) -> str | None:
-        """Return a name for a piece, or None if its content is there already.
+        """Choose a name for a piece, or None if the library already has its content.
 
-        It replaces what has the same content with another fingering, or is of the same file before
-        it was changed.
+        The piece replaces one with the same content but another fingering, or one of the same file
+        before a change.
         """
         known = self._by_content.get(content)
         if content in self._planned or known in self._kept:
@@ -322,15 +322,15 @@ class _ImportPlan:
         return name
 
     def _replaced(self, key: str, path: Path, setting: str) -> str | None:
-        """Return what a piece replaces of those with its content, or of its file, if anything.
+        """Return the name of the piece to replace, by a content or file, or None.
 
-        Other parts of a file are another piece. Of several it is the one with the same fingering,
-        or the one that is called like the file.
+        Other parts of a file are another piece. Among several candidates, it is the one with the
+        same fingering, or the one named like the file.
         """
         found = [
             info
             for info in self._replaceable.get(key, ())
-            # Older versions gave names that no piece can have any more.
+            # Older versions allowed names that are invalid now.
             if is_possible(info.name) and not is_built_in(info.name)
             if info.name not in self._new | self._kept
             if info.setting.partition(" of ")[2] == setting.partition(" of ")[2]
@@ -341,9 +341,9 @@ class _ImportPlan:
         return several[0].name if several else None
 
     def _free_name(self, path: Path) -> str:
-        """Return a free name for the piece in a file, near to the file's own.
+        """Return a free name for the piece in a file, similar to the file's own.
 
-        If that is taken, the folder's name is put in front, then a number behind.
+        If that is taken, the folder's name is added before it, then a number after it.
         """
         longer = slug(f"{path.absolute().parent.name} {path.stem}")
         numbered = (f"{cut(longer, LONGEST_NAME - 8)}-{number}" for number in itertools.count(2))
@@ -358,7 +358,7 @@ class _ImportPlan:
 
 
 def _setting(fingering: str) -> str:
-    """Return what is noted of a fingering: of a file with labels, its content.
+    """Return the text that identifies a fingering: for a labels file, its checksum.
 
     Raises:
         ConfigError: If there is no such fingering.
@@ -376,7 +376,7 @@ def _check_single(
     name: str | None, fingering: str | os.PathLike[str] | None, parts: Sequence[str | int]
 ) -> None:
     if parts:
-        raise ConfigError("Parts are chosen of one piece: expected a single MusicXML file.")
+        raise ConfigError("Parts can be chosen of one piece only: expected a single MusicXML file.")
     if name is not None:
         raise ConfigError(
             f"Name {name!r} cannot be given to more than one piece: expected a single file."

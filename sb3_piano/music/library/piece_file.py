@@ -1,8 +1,8 @@
-"""The file of an imported piece: the exact score, and what is known about it.
+"""Read and write the file of an imported piece: its exact score and its description.
 
-A NumPy archive (.npz) without pickled objects. Its array ``header`` holds UTF-8 JSON; the times
-are the score's own 64-bit floats, so that a score read back is equal bit by bit. The archive's
-checksums tell damage.
+The file is a NumPy archive (.npz) without pickled objects. Its array ``header`` holds UTF-8 JSON.
+Times are the score's own 64-bit floats, so a score read back is equal bit by bit. The archive's
+checksums detect damage.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from sb3_piano.music.score import Score
 T = TypeVar("T")
 
 _MOST_BYTES = 2**24
-"""Most bytes of a file, and of its arrays: a note has less than 32."""
+"""Most bytes of a file, and of its arrays; a note takes less than 32."""
 
 _FORMAT = 1
-"""Rises when files are written that this code could not read."""
+"""Version of the format; increase it when older code cannot read new files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,17 +39,17 @@ class PieceInfo:
     """Description of an imported piece, without its notes.
 
     Attributes:
-        name: Its name in the library, which is the title of its score as well.
-        title: What people call it.
-        collection: What it belongs to, ``"imported"`` unless it came with others.
-        source: Where its notes come from, in one line.
-        fingering: Who chose the fingers, in a word or two.
-        path: The file that it was imported from; empty if it came from elsewhere.
+        name: Its name in the library, and the title of its score.
+        title: Its readable title.
+        collection: Its collection; ``"imported"`` unless it is part of a data set.
+        source: Source of its notes, in one line.
+        fingering: Source of its fingering, in a word or two.
+        path: The file of its import; empty without one.
         sha256: Checksum of that file's content, in hexadecimal digits.
-        setting: The value of ``fingering`` with which it was imported.
-        n_notes: How many notes it has.
-        duration: Until its last note is let go, in s.
-        features: Its features of difficulty by name, or None if they are not known.
+        setting: The value of ``fingering`` at its import.
+        n_notes: Number of notes.
+        duration: Offset of its last note, in s.
+        features: Its features of difficulty by name, or None if unknown.
     """
 
     name: str
@@ -66,7 +66,7 @@ class PieceInfo:
 
 
 def write_piece(path: Path, score: Score, info: PieceInfo) -> None:
-    """Write a piece's file; it is wholly there or not at all."""
+    """Write a piece's file atomically."""
     header = json.dumps({"format": _FORMAT, **asdict(info)}).encode()
     buffer = io.BytesIO()
     np.savez_compressed(buffer, header=np.frombuffer(header, dtype=np.uint8), **_to_arrays(score))
@@ -74,7 +74,7 @@ def write_piece(path: Path, score: Score, info: PieceInfo) -> None:
 
 
 def read_info(path: Path) -> PieceInfo:
-    """Read what is known about a piece.
+    """Read the description of a piece.
 
     Raises:
         ScoreError: If the file is missing, damaged, or written by a newer version.
@@ -101,7 +101,7 @@ def _read(path: Path, names: list[str] | None, make: Callable[[PieceInfo, Arrays
         if version == _FORMAT:
             return make(PieceInfo(**header), arrays)
     except Exception as error:
-        # A damaged archive surfaces as whatever zipfile, zlib, NumPy or json stumble over.
+        # zipfile, zlib, NumPy and json raise any error for a damaged archive.
         raise ScoreError(
             f"Imported piece {str(path)!r} is damaged ({one_line(error)}): remove "
             f"it with 'sb3-piano pieces remove {path.stem}' and import it again."
@@ -120,7 +120,7 @@ _COLUMNS = {
     "velocity": np.uint8,
     "finger": np.int8,
 }
-"""Types of the arrays with what a note has."""
+"""Types of the arrays, one for each field of a note."""
 
 
 def _to_arrays(score: Score) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A folder of imported pieces."""
+"""A library of imported pieces in a folder."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from sb3_piano.unfinished import PARTIAL_SUFFIX
 from sb3_piano.user_data import DATA_VARIABLE, PIECE_SUFFIX, piece_names, pieces_folder
 
 LONGEST_NAME = 200
-"""Longest name, in bytes of UTF-8: file systems take 255, the suffix included."""
+"""Longest name, in bytes of UTF-8: file systems allow 255, including the suffix."""
 
 _NAME = re.compile(r"\w[\w-]*")
 
 
 def slug(text: str) -> str:
-    """Return a text as a name: ``"Für Elise (1810).2"`` as ``"Fur-Elise-1810-2"``.
+    """Convert text to a name: ``"Für Elise (1810).2"`` to ``"Fur-Elise-1810-2"``.
 
-    Letters lose their accents; whatever is neither letter, digit nor underscore becomes a hyphen.
+    Letters lose their accents; other characters, except digits and underscores, become hyphens.
     """
     decomposed = unicodedata.normalize("NFKD", text)
     letters = "".join(mark for mark in decomposed if not unicodedata.combining(mark))
@@ -51,26 +51,26 @@ def slug(text: str) -> str:
 
 
 def cut(text: str, size: int) -> str:
-    """Return the beginning of a text that takes at most so many bytes."""
+    """Cut text to a number of bytes of UTF-8."""
     return text.encode(errors="replace")[:size].decode(errors="ignore")
 
 
 def is_built_in(name: str) -> bool:
-    """Return whether a piece that comes with the package is called so, in full or in short."""
+    """Return whether a built-in piece has this name, in full or in short."""
     return any(piece.name in (name, f"{piece.collection}-{name}") for piece in BUILT_IN.values())
 
 
 def is_possible(name: str) -> bool:
-    """Return whether a piece can have a name, if no other has it."""
+    """Return whether a name is valid for a piece."""
     return _NAME.fullmatch(name) is not None and len(name.encode()) <= LONGEST_NAME
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that a piece in the library cannot have.
+    """Refuse a name that is invalid for an imported piece.
 
     Raises:
-        ConfigError: If it has other characters than an id takes, is too long, or belongs to a
-            piece that comes with the package.
+        ConfigError: If it has characters that an id cannot have, is too long, or belongs to a
+            built-in piece.
     """
     if not is_possible(name):
         raise ConfigError(
@@ -85,28 +85,28 @@ def check_name(name: str) -> None:
 
 
 class Library:
-    """Pieces of the user's, one file each, in a folder.
+    """A folder of the user's pieces, one file each.
 
-    A file that is damaged, or of a newer version, spoils nothing but itself: its piece is listed,
-    and making its score raises an error that names the file.
+    A damaged file, or one of a newer version, affects only its own piece: the piece is listed, and
+    making its score raises an error that names the file.
     """
 
     def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
-        """Take a folder, which need not exist yet; by default the one for the user's pieces."""
+        """Open a folder, which need not exist yet; by default the one for the user's pieces."""
         self.folder = pieces_folder() if folder is None else Path(folder)
 
     def __contains__(self, name: object) -> bool:
         return name in self.names()
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of all pieces, damaged or not, in alphabetical order.
+        """List the names of all pieces, damaged or not, in alphabetical order.
 
-        There are none if the folder is not there, or cannot be read.
+        The list is empty if the folder is missing or unreadable.
         """
         return piece_names(self.folder)
 
     def path(self, name: str) -> Path:
-        """Return the file of a piece, whether there is one or not."""
+        """Return the path of a piece's file, which need not exist."""
         return self.folder / f"{name}{PIECE_SUFFIX}"
 
     def add(
@@ -119,19 +119,19 @@ class Library:
         collection: str = "imported",
         **more: Any,
     ) -> None:
-        """Keep a piece, in place of another one of the same name.
+        """Save a piece; it replaces another one of the same name.
 
         Args:
             score: The piece.
             name: Its name: letters, digits, hyphens and underscores.
-            source: Where the notes come from, in one line.
-            fingering: Who chose the fingers, in a word or two.
-            collection: What the piece belongs to.
+            source: Source of the notes, in one line.
+            fingering: Source of the fingering, in a word or two.
+            collection: The piece's collection.
             **more: Further fields of `PieceInfo`: ``title``, by default the name; ``path``,
                 ``sha256``, ``setting``, ``features``.
 
         Raises:
-            ConfigError: If a piece cannot have that name.
+            ConfigError: If the name is invalid.
         """
         check_name(name)
         info = PieceInfo(
@@ -156,11 +156,11 @@ class Library:
         self.path(name).unlink(missing_ok=True)
 
     def pieces(self) -> dict[str, Piece]:
-        """Return all pieces by name, in alphabetical order; each score is made when asked for."""
+        """Return all pieces by name, in alphabetical order; scores are made on demand."""
         return {name: self._piece(name) for name in self.names()}
 
     def info(self, name: str) -> PieceInfo:
-        """Return what is known about a piece.
+        """Return the description of a piece.
 
         Raises:
             UnknownPieceError: If the library has no such piece.
@@ -170,7 +170,7 @@ class Library:
         return self._info(name)
 
     def infos(self) -> dict[str, PieceInfo]:
-        """Return what is known about each piece whose file is sound, by name."""
+        """Return the descriptions of all undamaged pieces by name."""
         found = {}
         for name in self.names():
             with contextlib.suppress(ScoreError):
@@ -178,7 +178,7 @@ class Library:
         return found
 
     def score(self, name: str) -> Score:
-        """Return a piece's score.
+        """Read a piece's score.
 
         Raises:
             UnknownPieceError: If the library has no such piece.
@@ -189,11 +189,11 @@ class Library:
 
     @contextlib.contextmanager
     def importing(self) -> Iterator[None]:
-        """Keep other imports out, and remove what one that was killed has left.
+        """Lock the library against other imports; remove leftovers of a killed one.
 
         Raises:
-            ConfigError: If another import into this library is under way, or its folder cannot be
-                written to.
+            ConfigError: If another import into this library is running, or its folder is not
+                writable.
         """
         with contextlib.ExitStack() as stack:
             try:
@@ -244,7 +244,7 @@ class Library:
 
 @cache
 def _read_info(path: Path, version: object) -> PieceInfo:
-    del version  # the time of change and the size, by which a file is read again after a change
+    del version  # time of change and size, so that the cache misses after a change
     return read_info(path)
 
 
@@ -254,14 +254,14 @@ def imported_pieces() -> dict[str, Piece]:
 
 
 def piece_features(piece: Piece) -> Features:
-    """Return a piece's features; those of an imported one were noted in its file, if possible.
+    """Return a piece's features; for an imported piece, from its file if present.
 
     Raises:
         ScoreError: If its score cannot be made.
     """
     library = Library()
     noted = library.info(piece.name).features if piece.name in library else None
-    # Another version may have named others.
+    # Another version may have other features.
     if noted is None or set(noted) != {field.name for field in fields(Features)}:
         return features(piece.score())
     return Features(**{**noted, "pitch_range": tuple(noted["pitch_range"])})

@@ -1,4 +1,4 @@
-"""The import of pieces, in several processes, of which one may be killed."""
+"""Import pieces in several processes, any of which may be killed."""
 
 from __future__ import annotations
 
@@ -23,26 +23,25 @@ from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
 from sb3_piano.text import printable
 
-_KILLED = "the process that read it was killed; is there memory enough?"
+_KILLED = "the process that read it was killed; is there enough memory?"
 
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportTask:
-    """A piece in a file, and what its import is to make of it.
+    """A piece in a file, and the settings of its import.
 
     Attributes:
         path: The file.
-        source: Where the notes come from, in one line.
-        title: What people call the piece; None if that is not known.
-        names: The names under which it belongs into the library, each with its collection; empty
-            as long as any name will do.
-        labelled_by: Who chose the fingers that are in the file, in a word or two.
-        fingering: As in :func:`~sb3_piano.music.fingering.apply.apply_fingering`; what the user
-            says goes first.
-        read: Makes the score of the path. Other processes must be able to import it.
-        setting: What is to be noted of the fingering, so that the same import is known again.
+        source: Source of the notes, in one line.
+        title: Readable title of the piece; None if unknown.
+        names: Names for the library, each with its collection; empty while any name will do.
+        labelled_by: Source of the file's fingers, in a word or two.
+        fingering: As in :func:`~sb3_piano.music.fingering.apply.apply_fingering`; the user's choice
+            takes precedence.
+        read: Function that reads the score from the path; must be importable in other processes.
+        setting: Identity of the fingering, by which a repeated import is recognised.
         sha256: Checksum of the file.
     """
 
@@ -59,7 +58,7 @@ class ImportTask:
 
 @dataclass(frozen=True)
 class Unusable:
-    """A file that is not imported, or only in part, and why."""
+    """A file that is not or only partly imported, and the reason."""
 
     path: Path
     reason: str
@@ -69,9 +68,9 @@ class Outcome(NamedTuple):
     """Result of the import of a piece."""
 
     error: str | None = None
-    """Why it failed, or None if it did not."""
+    """The reason of a failure, or None."""
     notes: tuple[str, ...] = ()
-    """What else there is to say, such as what was left out."""
+    """Warnings, such as about content left out."""
 
 
 def run_tasks(
@@ -80,10 +79,10 @@ def run_tasks(
     jobs: int,
     tell: Callable[[ImportTask, Outcome], None],
 ) -> bool:
-    """Do tasks, and tell of each how it went, in the order in which they are done.
+    """Run tasks, and report each outcome in the order in which they finish.
 
-    After Ctrl-C what is being done is finished, and told; nothing new is begun. With one job, or
-    for one task, this process does the work; ``tell`` is called in it in any case.
+    After Ctrl-C, running tasks finish and are reported; no new one starts. With one job or task,
+    this process does the work. ``tell`` is always called in this process.
 
     Returns:
         Whether Ctrl-C came.
@@ -107,13 +106,13 @@ def run_tasks(
 
 
 def run_task(task: ImportTask, folder: Path) -> Outcome:
-    """Import a piece; whatever is wrong with it becomes part of the outcome."""
+    """Import a piece; any error becomes part of the outcome."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             error = _import(task, Library(folder))
         except Exception as unforeseen:
-            # One file of thousands, from anywhere, must not end the import of the others.
+            # One bad file of thousands must not end the import of the others.
             _logger.debug("Import of '%s' failed", task.path, exc_info=True)
             error = f"{type(unforeseen).__name__}: {unforeseen}"
     notes = [str(item.message) for item in caught if issubclass(item.category, ScoreWarning)]
@@ -141,7 +140,7 @@ def _import(task: ImportTask, library: Library) -> str | None:
 
 
 def _who_chose(read: Score, score: Score, task: ImportTask) -> str:
-    """Return in a word or two who chose the fingers."""
+    """Describe the source of the fingers in a word or two."""
     if task.fingering not in FINGERINGS:
         return f"file {Path(task.fingering).name}"
     if not score.has_fingering:

@@ -1,4 +1,4 @@
-"""Studies: pieces that are generated."""
+"""Studies: generated pieces."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

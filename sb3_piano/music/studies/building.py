@@ -1,4 +1,4 @@
-"""Building blocks of the studies: keys, notes in sequence, and the options that may be chosen."""
+"""Building blocks of the studies: keys, sequences of notes, and options."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from sb3_piano.music.score import Score
 from sb3_piano.settings import Count, Number, Unit, Whole, checked
 
 MAJOR_SCALE = (0, 2, 4, 5, 7, 9, 11)
-"""The seven notes of a major scale, in semitones above its first."""
+"""The seven notes of a major scale, in semitones above the first."""
 
 KeyPress = tuple[int, int]
 """A MIDI pitch and the finger (0-9) that strikes it."""
 
 _MIN_TEMPO, _MAX_TEMPO = 1.0, 1000.0
-"""Slowest and fastest tempo, in quarter notes a minute: wider than anybody plays."""
+"""Slowest and fastest tempo, in quarter notes a minute, beyond human limits."""
 
 _Tempo = Annotated[Number, Ge(_MIN_TEMPO), Le(_MAX_TEMPO), Unit("quarter notes a minute")]
 
@@ -28,9 +28,9 @@ _Tempo = Annotated[Number, Ge(_MIN_TEMPO), Le(_MAX_TEMPO), Unit("quarter notes a
 def in_sequence(
     groups: Iterable[tuple[Iterable[KeyPress], float]], title: str, *, bars: Container[int] = ()
 ) -> Score:
-    """Play groups of keys, each with its length in s, one after the other; held until the next.
+    """Make a score of groups of keys, one after the other, each with its length in s.
 
-    ``bars`` are the indices of the groups with which a bar begins.
+    ``bars`` are the indices of the groups that begin a bar.
     """
     notes: list[Note] = []
     lines: list[float] = []
@@ -48,17 +48,17 @@ def in_sequence(
 
 
 def option_meanings(*, tempo: int, octaves: int) -> dict[str, str]:
-    """Return what the options that all studies have mean, by name, with a study's own defaults."""
+    """Describe the options of all studies by name, with a study's own defaults."""
     return {
         "tempo": f"quarter notes a minute, {_MIN_TEMPO:g} to {_MAX_TEMPO:g} (default {tempo})",
-        "hands": "who plays: both (default), right or left",
-        "repeats": "how many times in a row it is played, 1 or more (default 1)",
-        "octaves": f"how many octaves it climbs, as far as the keyboard goes (default {octaves})",
+        "hands": "hands that play: both (default), right or left",
+        "repeats": "number of times in a row, 1 or more (default 1)",
+        "octaves": f"number of octaves, as far as the keyboard allows (default {octaves})",
     }
 
 
 def checked_options(tempo: Any, hands: Any, repeats: Any) -> tuple[float, tuple[Hand, ...], int]:
-    """Return the length of a quarter note in s, the hands that play, and how many times.
+    """Validate options: return the length of a quarter note in s, the hands, and the repeats.
 
     Raises:
         ConfigError: If a value is not valid.
@@ -74,13 +74,13 @@ def in_octaves(
     octaves: Any,
     first: Mapping[Hand, int],
 ) -> list[tuple[KeyPress, ...]]:
-    """Return what the hands strike together, one after the other.
+    """Return the keys that the hands strike together, one group after the other.
 
-    ``way`` leads from a number of octaves to the notes, in semitones above the first of each hand
-    (a MIDI pitch), with the pianists' numbers of its fingers.
+    ``way`` maps a number of octaves to the notes, in semitones above the first of each hand (a MIDI
+    pitch), with the pianists' finger numbers.
 
     Raises:
-        ConfigError: If `octaves` is no whole number, less than 1, or leaves the keyboard.
+        ConfigError: If `octaves` is not a whole number, is less than 1, or leaves the keyboard.
     """
     highest = max(first.values()) + max(interval for interval, _ in way(1))
     limit = 1 + (MAX_PITCH - highest) // 12

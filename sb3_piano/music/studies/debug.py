@@ -1,7 +1,6 @@
 """The debug set: two scales, a chord progression and a tune, with fingering.
 
-Source: the pieces of RoboPianist's debug set, under its names and with its notes, times, fingers
-and velocity.
+Source: the pieces of RoboPianist's debug set, with its names, notes, times, fingers and velocity.
 """
 
 from __future__ import annotations
@@ -42,10 +41,10 @@ def major_scale(
     note_duration: float = 0.5,
     title: str = "",
 ) -> Score:
-    """Play a major scale of one octave up and down again, 15 notes a hand, 4 in a bar.
+    """Make a major scale of one octave up and down, 15 notes a hand, 4 in a bar.
 
     Args:
-        right: MIDI pitch at which the right hand starts; None if it does not play.
+        right: First MIDI pitch of the right hand; None if it does not play.
         left: The same for the left hand.
         note_duration: Length of each note, in s.
         title: Title of the score.

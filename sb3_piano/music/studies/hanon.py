@@ -1,23 +1,23 @@
 """Hanon's The Virtuoso Pianist, exercises 1 to 20.
 
-Each is one bar of eight sixteenths that climbs the white keys a step at a time for two octaves,
-and another that falls back, both hands an octave apart, then a last C for a bar. The left hand
-starts from the C two octaves below middle C, the right from the one below middle C, as printed;
-the simulated forearms have less room than in the scales, where the hands are two octaves apart.
+In each, a bar of eight sixteenths climbs the white keys a step at a time for two octaves. Another
+bar descends again, and a last C lasts a bar. Both hands play an octave apart: the left hand starts
+two octaves below middle C, the right hand one octave below, as printed. The simulated forearms have
+less room than in the scales, where the hands are two octaves apart.
 
-Source: C. L. Hanon, The Virtuoso Pianist (1873), part I, in the edition of G. Schirmer (1900), as
-the Mutopia Project gives it. All notes agree with a table that others made of the MIDI files of
-yogibooboo/Hanon_Test, and the bars with those that the package pytakt has as an example.
+Source: C. L. Hanon, The Virtuoso Pianist (1873), part I, in the edition of G. Schirmer (1900) from
+the Mutopia Project. All notes agree with an independent table of the MIDI files of
+yogibooboo/Hanon_Test, and the bars with an example of the package pytakt.
 
-Exact: every note of every bar, the altered bars at the turns included (nos. 6, 7, 9, 12, 14, 15,
-17, 18, 20; in 7, 14 and 18 only the fingers are); the number of bars; the chord that ends no. 20;
-and the fingers where the edition prints them, which is throughout the first bars of each way.
-Regularised: bars without printed fingers have those of the bars before. Ours: the fingers of the
-altered bars of nos. 6, 12 and 17 and of the last notes, most of which have none.
+Exact: every note, also in the altered bars at the turns (nos. 6, 7, 9, 12, 14, 15, 17, 18, 20; only
+the fingers are altered in 7, 14 and 18); the number of bars; the chord that ends no. 20; and the
+printed fingers, which the first bars of each direction have. Regularised: bars without printed
+fingers repeat the fingers of the bars before. Ours: the fingers of the altered bars of nos. 6, 12
+and 17 and of the last notes, most of which have none in print.
 
-Tempo: the slowest that the edition gives, quarter note = 60 (of 60 to 108). The edition repeats
-everything before the last C, as ``repeats=2`` does. In other keys than C, in which Hanon's bars
-are transposed up to six semitones up or five down, the fingers stay the same, as is the custom.
+Tempo: the slowest of the edition, quarter note = 60 (of 60 to 108). The edition repeats everything
+before the last C, as ``repeats=2`` does. In other keys than C, the bars are transposed up to six
+semitones up or five down, and the fingers stay the same, as is the custom.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ from sb3_piano.music.studies.building import (
 from sb3_piano.settings import checked
 
 _FIRST_C: Mapping[Hand, int] = MappingProxyType({"right": 48, "left": 36})
-"""MIDI pitch of the C from which each hand starts: C3 and C2."""
+"""MIDI pitch of each hand's first C: C3 and C2."""
 
 _KEYS = ("C", "Db", "D", "Eb", "E", "F", "Gb", "G", "Ab", "A", "Bb", "B")
-"""The major keys, by semitones from C up to the first note."""
+"""The major keys, indexed by semitones from C up to the first note."""
 
 _TEMPO = 60
 _OCTAVES = 2
@@ -54,10 +54,10 @@ _NOTES_PER_BAR = 8
 _NOTES_PER_QUARTER = 4
 _DEGREES = len(MAJOR_SCALE)
 _MOST_UP = 6
-"""Keys more semitones above C than this are below it instead, so that none is far from it."""
+"""Keys more semitones above C than this are played below it, to stay near."""
 
 _LAST_NOTES = {"right": [(0, 1)], "left": [(0, 5)]}
-"""The last notes of each hand, (degree, finger), where an exercise says nothing else."""
+"""The default last notes of each hand, (degree, finger)."""
 
 
 def hanon(
@@ -70,7 +70,7 @@ def hanon(
     octaves: Any = _OCTAVES,
     key: Any = "C",
 ) -> Score:
-    """Play one of Hanon's exercises, 1 to 20; :func:`option_meanings` says what may be chosen.
+    """Make one of Hanon's exercises, 1 to 20; :func:`option_meanings` describes the options.
 
     Raises:
         ConfigError: If a value is not valid, or the octaves do not fit on the keyboard.
@@ -99,7 +99,7 @@ def _exercises() -> dict[int, dict[str, Any]]:
 
 
 def _way(exercise: Mapping[str, Any], octaves: int) -> list[tuple[int, dict[Hand, int]]]:
-    """Return what is played before the last note: semitones above the first C, and fingers."""
+    """Return the notes before the last one: semitones above the first C, and fingers."""
     last_c = _DEGREES * octaves
     up = [(exercise["up"], step) for step in range(last_c + exercise.get("more_up", 0))]
     falls = range(last_c + exercise.get("more_down", 0))
@@ -115,7 +115,7 @@ def _way(exercise: Mapping[str, Any], octaves: int) -> list[tuple[int, dict[Hand
 
 
 def _interval(degree: int) -> int:
-    """Return the semitones from C up to a degree of its scale."""
+    """Convert a degree of the C major scale to semitones from C."""
     octave, step = divmod(degree, _DEGREES)
     return 12 * octave + MAJOR_SCALE[step]
 

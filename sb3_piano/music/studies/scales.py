@@ -1,9 +1,9 @@
 """The 12 major, natural minor and harmonic minor scales, the chromatic scale, and arpeggios.
 
-Both hands play one octave up and down in quarter notes at 80 a minute: the 12 major scales are
-those of RoboVirtuoso (section 4), which names neither the register nor the fingers. The register
-is that of RoboPianist's scales: the right hand starts between C5 and B5, the left two octaves
-below. Notes and fingers are in ``scales.yml``, with the reasons where manuals differ.
+Both hands play one octave up and down in quarter notes at 80 a minute. The 12 major scales are from
+RoboVirtuoso (section 4), which gives neither register nor fingers. The register is from
+RoboPianist's scales: the right hand starts between C5 and B5, the left two octaves below. Notes and
+fingers are in ``scales.yml``, with reasons where manuals differ.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from sb3_piano.music.studies.building import (
 )
 
 _FIRST_C: Mapping[Hand, int] = MappingProxyType({"right": 72, "left": 48})
-"""MIDI pitch of the C from which each hand counts: C5 and C3, as in RoboPianist's scales.
+"""MIDI pitch of each hand's reference C: C5 and C3, as in RoboPianist's scales.
 
-Two octaves lie between the hands, so that the simulated forearms have room.
+The hands are two octaves apart, so that the simulated forearms have room.
 """
 
 _TEMPO = 80
@@ -46,13 +46,12 @@ def up_and_down(
     repeats: Any = 1,
     octaves: Any = 1,
 ) -> Score:
-    """Play notes up the keyboard in quarter notes of 4/4, and down again the same way.
+    """Make a study of notes up the keyboard in quarter notes of 4/4, and down again.
 
-    ``tonic`` is in semitones from C up to the first note, 0-11, ``steps`` are those of one octave
-    above it. ``fingers`` are the pianists' numbers of the right and the left hand's fingers on the
-    way up two octaves, the way charts print them: one digit a note; more octaves go on as the
-    second does. Each repeat begins with a bar of its own; :func:`option_meanings` has the other
-    options.
+    ``tonic`` is the first note in semitones above C, 0-11; ``steps`` are the semitones of one
+    octave above it. ``fingers`` are the pianists' numbers of the right and the left hand for two
+    octaves up, one digit a note, as charts print them; further octaves repeat the second. Each
+    repeat begins with a new bar. :func:`option_meanings` describes the other options.
 
     Raises:
         ConfigError: If a value is not valid, or the octaves do not fit on the keyboard.

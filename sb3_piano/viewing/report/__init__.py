@@ -1,4 +1,4 @@
-"""The report of what was played: a self-contained HTML page with interactive figures."""
+"""Report of a performance: a self-contained HTML page with interactive figures."""
 
 from sb3_piano.viewing.report.report import Curve, Report, report_html, score_html
 

@@ -1,4 +1,4 @@
-"""Judgement of every note and every press: the piano roll's contents, as arrays."""
+"""Classify every due note and every press, as arrays for the piano roll."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sb3_piano.performance import Performance
 
 
 class Fate(IntEnum):
-    """Outcome of a note that is due."""
+    """Outcome of a due note."""
 
     HIT = 0
     """Its key was struck within the tolerance of its onset."""
     MISSED = 1
-    """It was not."""
+    """Its key was not struck within the tolerance."""
     NOT_REACHED = 2
     """The episode ended before its onset."""
 
@@ -27,61 +27,61 @@ class Verdict(IntEnum):
     """Kind of a press."""
 
     HIT = 0
-    """The strike that hits a note."""
+    """It hits a note."""
     EARLY = 1
-    """Struck too early for its note, and held until that is due."""
+    """Struck too early for its note, and held until the note is due."""
     LATE = 2
-    """Struck while its note is due, too late to hit it, and nothing else hits it."""
+    """Struck while its note is due, too late to hit it; no other strike hits the note."""
     AGAIN = 3
-    """Struck while its note is due, which another strike hits."""
+    """Struck while its note is due, but another strike hits the note."""
     WRONG = 4
-    """Hits nothing, and the key is due in none of the press's control steps."""
+    """Hits nothing, and its key is not due in any of its control steps."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DueNotes:
-    """The n notes that should be played, in the order of the roll's strikes."""
+    """The n due notes, in the order of the roll's strikes."""
 
     key: IntArray
     """(n,) 0-87."""
     onset: FloatArray
     """(n,) s."""
     offset: FloatArray
-    """(n,) s, end of the last control step in which the note is due."""
+    """(n,) s, end of the last control step of the note."""
     finger: IntArray
     """(n,) label 0-9, or -1."""
     fate: IntArray
     """(n,) a :class:`Fate` each."""
     press: IntArray
-    """(n,) index of the press that hits it or, if none does, of the nearest of those that belong to
-    it; -1 if there is none."""
+    """(n,) index of the press that hits it. Without one, of the nearest press that belongs to it;
+    -1 if there is none."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlayedPresses:
-    """The n presses that were played, in the order of ``presses_of``."""
+    """The n played presses, in the order of ``presses_of``."""
 
     key: IntArray
     """(n,) 0-87."""
     onset: FloatArray
-    """(n,) s, when the key was struck."""
+    """(n,) s, time of the strike."""
     offset: FloatArray
-    """(n,) s, when it came up again."""
+    """(n,) s, time of the release."""
     finger: IntArray
-    """(n,) finger 0-9 nearest when the key was struck, or -1."""
+    """(n,) finger 0-9 nearest at the strike, or -1."""
     verdict: IntArray
     """(n,) a :class:`Verdict` each."""
     note: IntArray
-    """(n,) index of the note that the press hits or, unless it is wrong, belongs to; -1 if none."""
+    """(n,) index of the note that the press hits or belongs to; -1 if none."""
 
 
 def judge(performance: Performance) -> tuple[DueNotes, PlayedPresses]:
-    """Say of each note that is due what became of it, and of each press what it was.
+    """Classify each due note by its outcome, and each press by its kind.
 
-    Which strike hits which note is what onset F1 counts (:func:`~sb3_piano.metrics.match_onsets`);
-    as there, only notes that are due before the episode ended can be hit or missed. A press that
-    hits none belongs to the note of its key that is due in one of the press's control steps; of
-    several, to the one whose onset is nearest to the strike.
+    Strikes and notes are paired as for onset F1 (:func:`~sb3_piano.metrics.match_onsets`); as
+    there, only notes due before the end of the episode can be hit or missed. A press that hits no
+    note belongs to the note of its key that is due in one of the press's control steps; among
+    several, to the one with the onset nearest to the strike.
     """
     roll = performance.roll
     due, played = presses_of(roll.active), performance.presses
@@ -117,7 +117,7 @@ def judge(performance: Performance) -> tuple[DueNotes, PlayedPresses]:
 def _overlapped(
     due: Presses, played: Presses, due_time: FloatArray, strike_time: FloatArray
 ) -> IntArray:
-    """Return for each press the nearest note that is due in one of its control steps, or -1."""
+    """Find for each press the nearest note that is due in one of its control steps, or -1."""
     of_key: dict[int, list[int]] = {}
     for i, key in enumerate(due.key.tolist()):
         of_key.setdefault(key, []).append(i)
@@ -133,12 +133,12 @@ def _overlapped(
 def _own_presses(
     note: IntArray, due_time: FloatArray, strike_time: FloatArray, pairs: IntArray
 ) -> IntArray:
-    """Return for each note the press that hits it, else the nearest that belongs to it, or -1."""
+    """Find for each note the press that hits it, else the nearest that belongs to it, or -1."""
     press = np.full(len(due_time), -1)
     belongs = np.flatnonzero(note >= 0)
     distance = np.abs(strike_time[belongs] - due_time[note[belongs]])
     farthest_first = belongs[np.argsort(-distance, kind="stable")]
-    press[note[farthest_first]] = farthest_first  # of several, the last one stays
+    press[note[farthest_first]] = farthest_first  # the last assignment, the nearest, stays
     press[note[pairs[:, 1]]] = pairs[:, 1]
     return press
 

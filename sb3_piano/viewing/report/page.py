@@ -1,4 +1,4 @@
-"""HTML pages from templates: each one file that needs nothing else, also no network."""
+"""Render HTML pages from templates; each is one file and needs no network."""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ from sb3_piano.metrics.onsets import ONSET_TOLERANCE
 from sb3_piano.viewing.moment import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
 
 TOLERANCE = f"{1000 * ONSET_TOLERANCE:.0f} ms"
-"""Distance from its onset within which a strike hits a note, as text."""
+"""Largest distance of a strike from the onset of a note that it hits, as text."""
 
 
 def definition_of(name: str, labels: Mapping[str, str] = MappingProxyType({})) -> Definition:
-    """Return the definition of a number, its label as it begins a line.
+    """Return the definition of a number, with its label capitalised.
 
-    Reward terms stand under a heading everywhere, and go by their short names, or by ``labels`` of
-    their own.
+    Reward terms always have a heading, so they use their short names, or their own ``labels``.
     """
     known = episode.definition_of(name)
     term = name.removeprefix(RETURN_PREFIX)
@@ -34,7 +33,7 @@ def definition_of(name: str, labels: Mapping[str, str] = MappingProxyType({})) -
 
 
 def formatted(name: str, value: float) -> str:
-    """Return a number with its unit.
+    """Format a number with its unit.
 
     >>> formatted("f1", 0.25)
     '0.250'
@@ -45,11 +44,11 @@ def formatted(name: str, value: float) -> str:
 
 
 FINGERS = ("thumb", "index-finger", "middle-finger", "ring-finger", "little-finger")
-"""Names of the five fingers in colours, classes and ids."""
+"""Names of the five fingers in colours, classes and ids of the page."""
 
 
 def css_color(rgba: Sequence[float]) -> str:
-    """Return a colour as CSS writes it, without its opacity.
+    """Convert a colour to CSS, without its opacity.
 
     >>> css_color((1.0, 0.5, 0.0, 1.0))
     'rgb(255,128,0)'
@@ -71,19 +70,19 @@ PALETTE = {
     "any-finger": css_color(UNLABELLED_COLOR),
     **{name: css_color(FINGER_COLORS[finger]) for finger, name in enumerate(FINGERS)},
 }
-"""Every colour of a page by name; style sheet and script know them as CSS variables."""
+"""Every colour of a page by name; style sheet and script use them as CSS variables."""
 
 
 def render(template: str, **context: Any) -> str:
-    """Return a page of a template in ``templates/``; whatever stands in its context is escaped.
+    """Render a template of ``templates/`` to a page; its context is escaped.
 
-    Figures may hold arrays and be Plotly's own.
+    Figures may contain arrays and Plotly objects.
     """
     return _environment().get_template(template).render(context)
 
 
 def plural(number: int, one: str, many: str = "") -> str:
-    """Return a number of things in words.
+    """Format a count with its noun.
 
     >>> plural(1, "trial"), plural(2, "trial"), plural(0, "press", "presses")
     ('1 trial', '2 trials', '0 presses')
@@ -94,7 +93,7 @@ def plural(number: int, one: str, many: str = "") -> str:
 @cache
 def _environment() -> Environment:
     try:
-        from plotly.offline import get_plotlyjs  # slow to import, and of no use without a page
+        from plotly.offline import get_plotlyjs  # slow to import, and only pages need it
         from plotly.utils import PlotlyJSONEncoder
     except ImportError as error:
         raise MissingPackageError(

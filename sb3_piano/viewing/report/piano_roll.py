@@ -1,4 +1,4 @@
-"""The contents of the piano roll: every note due and every press, by the mark that shows it."""
+"""Contents of the piano roll: due notes and presses, grouped by mark."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SCORE_LABELS = ("finger", "onset", "offset")
 
 
 class Mark(NamedTuple):
-    """One kind of mark; its looks are in the style sheet and the script, under its id."""
+    """One kind of mark; style sheet and script define its looks, under its id."""
 
     id: str
     name: str
@@ -72,9 +72,9 @@ def note_name(key: int) -> str:
 
 
 def legends(notes: DueNotes, presses: PlayedPresses) -> dict[str, Legend]:
-    """Return the marks of what was played and of what is due, with how often each is there.
+    """Count the marks of presses and of due notes.
 
-    Of the marks of notes, those that are not there are left out.
+    Marks of notes that do not occur are left out.
     """
     verdicts = Counter(presses.verdict.tolist())
     counts = Counter(_note_marks(notes))
@@ -87,14 +87,14 @@ def legends(notes: DueNotes, presses: PlayedPresses) -> dict[str, Legend]:
 
 
 def piano_roll(performance: Performance, notes: DueNotes, presses: PlayedPresses) -> dict[str, Any]:
-    """Return the contents of the page's piano roll, with the pedal below, for what ``judge`` found.
+    """Return the contents of the page's piano roll, with the pedal below, from ``judge``'s results.
 
     Returns:
         ``bars``: for each mark's id the ``key`` (0-87), ``onset`` and ``length`` [s] of its bars,
-        and the ``texts`` shown when one is pointed at: its pitch, the result and what the
-        ``labels`` say; ``pedal``: (onset, offset) [s] of what was ``due``, rightly (``hit``) and
-        ``wrong``; ``keys``: names of the 88 keys; ``duration`` of the piece [s]; ``end``: when the
-        episode ended, if that is before [s].
+        and the hover ``texts``: pitch, result and the values of the ``labels``; ``pedal``: (onset,
+        offset) [s] of the presses that were ``due``, played rightly (``hit``) and ``wrong``;
+        ``keys``: names of the 88 keys; ``duration`` of the piece [s]; ``end``: end of the episode
+        [s], if that is before the piece's, else ``None``.
     """
     note_texts, press_texts = _hover_texts(notes, presses)
     note_marks = np.array([mark.id for mark in _note_marks(notes)], dtype=str)
@@ -118,9 +118,9 @@ def piano_roll(performance: Performance, notes: DueNotes, presses: PlayedPresses
 
 
 def piano_roll_of_score(score: Score) -> tuple[dict[str, Any], Legend]:
-    """Return what :func:`piano_roll` does, of notes that nobody has played, and their legend.
+    """Return the contents of :func:`piano_roll` for an unplayed score, and their legend.
 
-    The pedal is only ``due``; bars that are pointed at tell pitch, hand, finger and times.
+    The pedal is only ``due``; hover texts have pitch, hand, finger and times.
     """
     of_mark: dict[Mark, list[Note]] = {}
     for note in score.notes:
@@ -174,7 +174,7 @@ def _bars(
 
 
 def _pedal(performance: Performance) -> dict[str, np.ndarray]:
-    """Return (n, 2) onsets and offsets [s]: when the pedal should be down, and when it was."""
+    """Return (n, 2) onsets and offsets [s] of due, right and wrong presses of the pedal."""
     due, played = performance.roll.sustain, performance.sustain
     rightly = played & due[: len(played)]
     rows = {}
@@ -188,10 +188,10 @@ def _pedal(performance: Performance) -> dict[str, np.ndarray]:
 def _hover_texts(
     notes: DueNotes, presses: PlayedPresses
 ) -> tuple[list[list[str]], list[list[str]]]:
-    """Return the texts of each note and each press: pitch, result, fingers, times, error."""
+    """Make the texts of each note and each press: pitch, result, fingers, times, error."""
 
     def texts(note: int, press: int, result: str) -> list[str]:
-        """Return the texts of a note and the press that belongs to it; one of them may be -1."""
+        """Make the texts of a note and the press that belongs to it; one of them may be -1."""
         key = notes.key[note] if note >= 0 else presses.key[press]
         due = played = error = due_finger = nearest = _NOTHING
         if note >= 0:

@@ -1,4 +1,4 @@
-"""A performance in three dimensions, as the player in a report shows it without a simulation."""
+"""Data for a replay in three dimensions, which a report shows without a simulation."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing.stage_files import stage_files
 
 RESOLUTION = 1e-4
-"""Distance between two places that are told apart, m: positions are 16-bit integers."""
+"""Resolution of positions, m: they are 16-bit integers."""
 
 SCRIPT = "replay.js"
-"""The player among the templates, which ``make replay`` bundles from ``web/src/replay``."""
+"""The replay's script among the templates; ``make replay`` bundles ``web/src/replay``."""
 
 _QUATERNION_UNIT = 32767
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Replay:
-    """What the player is given, and the player."""
+    """The replay's script and its files."""
 
     files: Mapping[str, str]
     """Files by name, each as gzip in base64."""
@@ -46,14 +46,14 @@ def replay_of(
     metrics: Mapping[str, float],
     script: str,
 ) -> Replay:
-    """Return the replay of an episode of t control steps.
+    """Make the replay of an episode of t control steps.
 
     Args:
-        scene: Scene in which it was played.
+        scene: Scene of the performance.
         qpos: (t + 1, nq) joint positions before and after each control step, rad or m.
-        performance: What was played.
+        performance: The performance.
         metrics: The episode's numbers, ``f1`` among them.
-        script: The player, see :func:`player_script`.
+        script: The replay's script, see :func:`player_script`.
     """
     stage, shapes = stage_files(scene)
     model, roll = scene.model, performance.roll
@@ -84,10 +84,10 @@ def _script_file() -> Traversable:
 
 
 def player_script() -> str:
-    """Return the player's JavaScript.
+    """Return the replay's JavaScript.
 
     Raises:
-        ConfigError: If the package was installed without it.
+        ConfigError: If this installation lacks it.
     """
     file = _script_file()
     if not file.is_file():
@@ -95,14 +95,14 @@ def player_script() -> str:
             f"The player for three dimensions, {SCRIPT}, is not in this installation. In a clone, "
             "'make replay' builds it, with Node.js 20; then install the package again."
         )
-    # The end of an element may not stand in a script.
+    # A script must not contain the end tag of its element.
     return file.read_text(encoding="utf-8").replace("</script", "<\\/script")
 
 
 def _poses(model: mujoco.MjModel, qpos: FloatArray) -> Any:
-    """Return where each body is in each state, (bodies, t + 1, 7) int16.
+    """Compute the pose of each body in each state, (bodies, t + 1, 7) int16.
 
-    Body by body, so that what stands still packs to nothing.
+    Bodies come first, as the constant poses of resting ones then compress well.
     """
     data = mujoco.MjData(model)
     poses = np.empty((model.nbody, len(qpos), 7), dtype="<i2")

@@ -1,4 +1,4 @@
-"""The report of an episode: what was played, and how the player was trained."""
+"""Report of an episode: the performance, and the player's training."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from sb3_piano.viewing.report.piano_roll import (
 from sb3_piano.viewing.report.replay import Replay
 
 PLAYED, NOTHING = "played", "playing nothing"
-"""Names of numbers, bars and lines: of the policy, and of hands that rest."""
+"""Names of numbers, bars and lines, for the policy and for resting hands."""
 
 MOST_POINTS = 400
-"""Points of a curve that are drawn; of a longer one, means of neighbours are."""
+"""Most points of a drawn curve; a longer one is reduced to means of neighbours."""
 
 _REWARD_TAGS = "reward/"
 
-# As the hands lie on the keyboard: the left one's little finger is the leftmost.
+# Order on the keyboard: the left little finger is leftmost.
 _LEFT_TO_RIGHT = (9, 8, 7, 6, 5, 0, 1, 2, 3, 4)
 
 # Title, the metric whose baseline is drawn as a line, and the names of the curves in the log.
@@ -50,30 +50,30 @@ _SHARES = ("f1", "onset_f1")
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Content of a report. All texts may hold anything, they are escaped."""
+    """Content of a report. All texts are escaped."""
 
     performance: Performance
     """The performance; its title is the report's."""
     metrics: Mapping[str, float]
-    """The numbers of that episode by their names in ``info``, ``return`` and ``length`` too."""
+    """The episode's numbers by their names in ``info``, with ``return`` and ``length``."""
     baseline: Mapping[str, float] | None = None
-    """The same of an episode in which the hands rest."""
+    """The same numbers of an episode with resting hands."""
     curves: Mapping[str, Curve] = field(default_factory=dict)
-    """The training's log by name; empty if there is none."""
+    """The training's log by name; empty without a log."""
     subtitle: str = ""
     """The player, in one line."""
     facts: Sequence[tuple[str, str]] = ()
     """Name and text of each fact about its origin."""
     commands: Sequence[tuple[str, str]] = ()
-    """Purpose and text of each command line that makes it again."""
+    """Purpose and text of each command line that reproduces it."""
     labels: Mapping[str, str] = field(default_factory=dict)
     """Words for reward terms by name, for those that ``DEFINITIONS`` does not have."""
     replay: Replay | None = None
-    """The performance in three dimensions, if it is to be shown."""
+    """The replay in three dimensions, if wanted."""
 
 
 def report_html(report: Report) -> str:
-    """Return the page: it can be sent, kept and opened without a network."""
+    """Render the report as one page, which needs no network."""
     performance, metrics, baseline = report.performance, report.metrics, report.baseline
     notes, presses = judge(performance)
     columns = {PLAYED: metrics} if baseline is None else {PLAYED: metrics, NOTHING: baseline}
@@ -104,7 +104,7 @@ def report_html(report: Report) -> str:
 
 
 def score_html(score: Score, facts: Sequence[tuple[str, str]] = ()) -> str:
-    """Return the page of a piece that nobody has played; facts are names and texts about it."""
+    """Render the page of an unplayed piece; facts are names and texts about it."""
     contents, legend = piano_roll_of_score(score)
     roll = PianoRoll.from_score(score, DEFAULT_TIMESTEP)
     return render(
@@ -121,7 +121,7 @@ def score_html(score: Score, facts: Sequence[tuple[str, str]] = ()) -> str:
 
 
 class Curve(NamedTuple):
-    """A number over the training."""
+    """A number during the training."""
 
     steps: npt.NDArray[np.int64]
     """(n,) environment steps, ascending."""
@@ -130,11 +130,11 @@ class Curve(NamedTuple):
 
 
 def finger_usage(performance: Performance, metrics: Mapping[str, float]) -> dict[str, Any]:
-    """Return the shares of the pressing, beside what the score's fingering asks for.
+    """Return the fingers' shares of the presses, and the shares of the score's fingering.
 
     Returns:
-        ``finger``: labels 0-9 from left to right; their ``name``, the share ``played`` and the
-        one ``due`` [%], which is ``None`` without a fingering.
+        ``finger``: labels 0-9 from left to right; their ``name``, the shares ``played`` and ``due``
+        [%]; the latter is ``None`` without a fingering.
     """
     played = np.array([metrics[name] for name in FINGER_SHARES])
     return _finger_shares(played, finger_shares(performance.roll.finger[: len(performance)]))
@@ -157,10 +157,10 @@ def reward_terms(
     baseline: Mapping[str, float] | None,
     labels: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any] | None:
-    """Return the episode's sum of each weighted reward term, the policy's beside resting.
+    """Return the episode's sum of each weighted reward term, with the baseline's.
 
     Returns:
-        Labels of the ``terms``, and ``rows`` of their sums; ``None`` if no name begins with
+        Labels of the ``terms``, and ``rows`` of their sums; ``None`` without names that begin with
         ``return_``.
     """
     names = [name for name in metrics if name.startswith(RETURN_PREFIX)]
@@ -182,11 +182,11 @@ def training_panels(
     baseline: Mapping[str, float] | None,
     labels: Mapping[str, str] = MappingProxyType({}),
 ) -> list[dict[str, Any]]:
-    """Return a panel for each of F1, onset F1, return and reward terms that the log knows.
+    """Make a panel each for F1, onset F1, return and reward terms, if the log has them.
 
     Returns:
-        For each its ``title``, ``lines`` of ``name``, ``x`` and ``y``, the ``level`` of playing
-        nothing or ``None``, and whether it is a ``share``, in [0, 1].
+        For each its ``title``, ``lines`` of ``name``, ``x`` and ``y``, the baseline's ``level`` or
+        ``None``, and whether it is a ``share``, in [0, 1].
     """
     rewards = {
         tag: definition_of(RETURN_PREFIX + tag.removeprefix(_REWARD_TAGS), labels).label
@@ -208,7 +208,7 @@ def training_panels(
 
 
 def thinned(curve: Curve, most: int = MOST_POINTS) -> Curve:
-    """Return means of equally many neighbouring points, so that there are at most so many."""
+    """Reduce a curve to at most ``most`` points, means of equally many neighbours."""
     each = -(-len(curve.steps) // most)
     if each <= 1:
         return curve

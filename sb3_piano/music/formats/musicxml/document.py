@@ -1,4 +1,4 @@
-"""The XML document in the bytes of a MusicXML file, however it is packed, encoded and ordered."""
+"""Read the XML document of a MusicXML file, in any packing, encoding and order."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from sb3_piano.files import read_member
 from sb3_piano.music.text_file import is_hidden
 
 MOST_BYTES = 64 * 2**20
-"""A larger document is taken for damage; the longest piano works take a fifth of it."""
+"""Limit of a document's size; the longest piano works take a fifth of it."""
 
 _MOST_ELEMENTS = 3_000_000
-"""More elements and attributes would fill the memory; the longest works have a sixth of them."""
+"""Limit of elements and attributes, to save memory; the longest works have a sixth of it."""
 
 CONTAINER_NAME = "META-INF/container.xml"
 
 _MARKS = {
     codecs.BOM_UTF8: "utf-8",
-    codecs.BOM_UTF32_LE: "utf-32-le",  # begins as UTF-16's does
+    codecs.BOM_UTF32_LE: "utf-32-le",  # before UTF-16, whose mark is its beginning
     codecs.BOM_UTF32_BE: "utf-32-be",
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
 _ZEROS = {"0001": "utf-32-be", "1000": "utf-32-le", "0101": "utf-16-be", "1010": "utf-16-le"}
-"""Encodings by which of the first four bytes, that are of ASCII characters, are not 0."""
+"""Encodings by pattern of the first four bytes, of ASCII characters: 1 where a byte is not 0."""
 
 _DECLARATION = re.compile(r"<\?xml\s[^<>]{0,999}>", re.IGNORECASE)
 _EIGHT_BITS = re.compile(
@@ -42,11 +42,11 @@ _CONTROL = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]+")
 
 
 def read_document(content: bytes) -> Element:
-    """Return the root of the partwise MusicXML document in the bytes of a file.
+    """Parse the bytes of a MusicXML file; return the root of its partwise document.
 
     Raises:
-        ValueError: If it is too large, or no MusicXML.
-        Exception: Whatever zipfile and ElementTree raise at a damaged file.
+        ValueError: If it is too large, or is not MusicXML.
+        Exception: Any error of zipfile and ElementTree for a damaged file.
     """
     if content[:2] == b"PK" or zipfile.is_zipfile(io.BytesIO(content)):
         content = _unpack(content)
@@ -66,7 +66,7 @@ def _check_size(n_parts: int, n_measures: int) -> None:
 
 
 def _unpack(content: bytes) -> bytes:
-    """Return the document in an archive: the one that its container names, else the only one."""
+    """Unpack the document of an archive: the one named by its container, else the only one."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = {_normalized(_decoded(info)): info.filename for info in archive.infolist()}
         members |= {name: name for name in archive.namelist()}
@@ -87,7 +87,7 @@ def _unpack(content: bytes) -> bytes:
 
 
 def _decoded(info: zipfile.ZipInfo) -> str:
-    """Return the name of a file of an archive, which may be UTF-8 without saying so."""
+    """Return the name of a file in an archive, which may be UTF-8 without a flag."""
     try:
         return info.filename.encode("cp437").decode("utf-8")
     except UnicodeError:
@@ -95,13 +95,13 @@ def _decoded(info: zipfile.ZipInfo) -> str:
 
 
 def _normalized(name: str) -> str:
-    """Return a name for comparing: separators, escapes, letter case and accents differ."""
+    """Normalise separators, escapes, letter case and accents of a name, for comparison."""
     name = unicodedata.normalize("NFC", unquote(name.strip()).replace("\\", "/"))
     return posixpath.normpath(f"/{name}").lstrip("/").casefold()
 
 
 def _named(container: Element) -> list[str]:
-    """Return the names of documents in a container: first of MusicXML, then what may be that."""
+    """List the documents named by a container: MusicXML first, then other candidates."""
     files = [(f.get("media-type", "").lower(), f) for f in container.iter("rootfile")]
     files.sort(key=lambda file: ("musicxml" not in file[0], bool(file[0])))
     return [f.get("full-path", "") for kind, f in files if not kind or "xml" in kind]
@@ -114,7 +114,7 @@ def _may_be_document(name: str) -> bool:
 
 
 def _parse(content: bytes) -> Element:
-    """Return the root of an XML document, all names without a namespace."""
+    """Parse an XML document; return its root, with all names stripped of namespaces."""
     if len(content) > MOST_BYTES:
         raise ValueError(f"it holds more than {MOST_BYTES} bytes")
     document = _cleaned(_decode(content)).encode()
@@ -128,13 +128,13 @@ def _parse(content: bytes) -> Element:
 
 
 def _cleaned(text: str) -> str:
-    """Return a document without what stands around its elements, and its declaration."""
+    """Strip a document's declaration, control characters and text around its elements."""
     text = text[max(text.find("<"), 0) : text.rfind(">") + 1] or text
     return _CONTROL.sub("", _DECLARATION.sub("", text))
 
 
 def _decode(content: bytes) -> str:
-    """Return the text of bytes by what they are: what they declare is often something else."""
+    """Decode bytes by their content, as the declared encoding is often wrong."""
     for mark, encoding in _MARKS.items():
         if content.startswith(mark):
             return content[len(mark) :].decode(encoding, "replace")
@@ -150,7 +150,7 @@ def _decode(content: bytes) -> str:
 
 
 def _partwise(timewise: Element) -> Element:
-    """Return a document by parts of one by measures, of which each part has all."""
+    """Convert a timewise document to a partwise one."""
     measures = timewise.findall("measure")
     names = dict.fromkeys(part.get("id", "") for one in measures for part in one.findall("part"))
     _check_size(len(names), len(measures))

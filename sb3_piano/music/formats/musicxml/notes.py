@@ -1,4 +1,4 @@
-"""The notes of a MusicXML document as they are written, and what its groups of notes share."""
+"""Notes of a MusicXML document as written, and the marks that chords share."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sb3_piano.music.pitch import SEMITONES
 from sb3_piano.music.text_file import read_whole
 
 FORTE = 90
-"""The velocity of which MusicXML gives dynamics in per cent."""
+"""The velocity of 100 per cent in MusicXML's dynamics."""
 
 _FINGERS = re.compile(r"\s*([1-5])(\s*[-_\u2013/]\s*[1-5])*\s*")
 _KINDS = (
@@ -29,27 +29,27 @@ _DOTS = ("staccato", "staccatissimo", "spiccato")
 
 @dataclass(kw_only=True, eq=False)
 class SourceNote:
-    """A note as it is written, and after repeats are unfolded as it is played.
+    """A note as written; after repeats are unfolded, as played.
 
     Attributes:
-        start: When it begins, in quarter notes; later in s.
-        end: When it ends, likewise; a grace note ends where it starts.
-        pitch: MIDI pitch as it sounds, that is after transposition; microtones are rounded.
+        start: Its start, in quarter notes; later in s.
+        end: Its end, likewise; a grace note ends where it starts.
+        pitch: Sounding MIDI pitch, after transposition; microtones are rounded.
         voice: The voice, as the file names it.
         staff: The staff, from 1.
-        fingers: Pianists' numbers, 1 to 5. More than one if the file gives those of a whole chord
+        fingers: Pianists' numbers, 1 to 5; several if the file writes the fingers of a whole chord
             at one of its notes.
         velocity: 1-127.
         tied_back: Whether a tie ends here.
         tied_on: Whether a tie begins here.
         in_chord: Whether it is struck with the note before it in the file.
-        grace: If it is a grace note: how many are still to come before the beat, from 1; else 0.
-        grace_run: Of how many grace notes (or chords) the run consists that it is one of.
+        grace: For a grace note, the number of grace notes from it to the beat, from 1; else 0.
+        grace_run: Number of grace notes (or chords) in its run.
         closes: Whether it is a grace note after the last note of its voice in a measure.
         is_staccato: Whether it has a dot or a wedge.
-        measure: The measure, counted in the file.
-        in_tuplet: Whether it is one of a triplet or the like.
-        doubling: How many semitones from it another note sounds with it; 0 if none does.
+        measure: Index of the measure in the file.
+        in_tuplet: Whether it belongs to a tuplet, such as a triplet.
+        doubling: Interval of a second note that sounds with it, in semitones; 0 without one.
     """
 
     start: Fraction
@@ -73,13 +73,13 @@ class SourceNote:
 
 @lru_cache(maxsize=1024)
 def read_number(text: str | None) -> Fraction:
-    """Return the number that a text stands for, which may have a decimal comma; 0 without one."""
-    # By way of a float, which has an end: Fraction("1e999999999") would fill the memory.
+    """Parse a number, which may have a decimal comma; 0 for empty text."""
+    # Floats are bounded, but Fraction("1e999999999") would fill the memory.
     return Fraction(str(float((text or "").strip().replace(",", ".") or 0)))
 
 
 def note_value(kind: str | None, dots: int = 0, tuplet: Element | None = None) -> Fraction:
-    """Return the quarter notes that a kind of note lasts, 0 of an unknown one."""
+    """Return the length of a kind of note in quarter notes, 0 for an unknown kind."""
     value = _VALUES.get((kind or "").strip().lower(), Fraction(0))
     value *= 2 - Fraction(1, 2 ** min(dots, _MOST_DOTS))
     if tuplet is not None:
@@ -89,7 +89,7 @@ def note_value(kind: str | None, dots: int = 0, tuplet: Element | None = None) -
 
 
 def read_note(element: Element, span: tuple[Fraction, Fraction]) -> SourceNote:
-    """Read a note that has a pitch."""
+    """Read a note with a pitch."""
     step = (element.findtext("pitch/step") or "").strip()
     if step not in SEMITONES:
         raise ValueError(f"a pitch has the step {step!r}")
@@ -118,7 +118,7 @@ def read_note(element: Element, span: tuple[Fraction, Fraction]) -> SourceNote:
 
 
 def _fingers(note: Element) -> tuple[int, ...]:
-    """Return the fingers that play the onset: no substitutes, no alternatives."""
+    """Return the fingers of the onset, without substitutes and alternatives."""
     texts = [
         fingering.text or ""
         for fingering in note.findall("notations/technical/fingering")
@@ -128,7 +128,7 @@ def _fingers(note: Element) -> tuple[int, ...]:
 
 
 def mark_closing(measure: Sequence[SourceNote], start: Fraction) -> None:
-    """Mark the grace notes after the last note of each voice in a measure, by when it begins."""
+    """Mark the grace notes after the last note of each voice in a measure."""
     ended = set()
     for note in reversed(measure):
         if not note.grace or note.start == start:
@@ -152,10 +152,10 @@ def count_grace_notes(notes: list[SourceNote]) -> None:
 
 
 def share_out(notes: list[SourceNote]) -> None:
-    """Give the fingers and the dot of a chord that stand at one of its notes to all of them.
+    """Distribute the fingers and the dot of a chord from one note to all its notes.
 
-    Fingers and keys go the same way: in the right hand the higher finger has the higher key, in
-    the left hand the lower key; the left hand is on the second staff.
+    In the right hand the higher finger gets the higher key, in the left hand the lower key. The
+    left hand is on the second staff.
     """
     chords: list[list[SourceNote]] = []
     for note in notes:

@@ -1,4 +1,4 @@
-"""In which order the stretches between the signs of a MusicXML file are played."""
+"""Unfold repeats and jumps of a MusicXML file into the order of playing."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _TARGETS = {"dalsegno": "segno", "tocoda": "coda"}
 
 @dataclass(frozen=True)
 class Order:
-    """The stretches of the written music, and their indices in the order of playing.
+    """Sections of the written music, and their indices in the order of playing.
 
     Attributes:
-        spans: Start and end of each stretch, in quarter notes.
-        played: The order.
-        unplayed: Numbers of the bars that are never played, but for those behind a Fine or between
-            a To Coda and its coda.
-        aimless: Numbers of the bars at whose end is a jump of which the target is missing.
+        spans: Start and end of each section, in quarter notes.
+        played: Indices of sections in the order of playing.
+        unplayed: Numbers of the bars that are never played, except after a Fine or between a
+            To Coda and its coda.
+        aimless: Numbers of the bars that end in a jump without a target.
     """
 
     spans: list[Span]
@@ -35,11 +35,11 @@ class Order:
 
 
 def playing_order(signs: Signs) -> Order:
-    """Return the order in which the music is played.
+    """Compute the order in which the music is played.
 
-    A repeat is played twice, or as often as it says (up to 20 times) or has endings; one within
-    another each time anew. Each D.C. and D.S. is followed once: until its place is reached again
-    repeats are played no more, and of several endings the last.
+    A repeat is played twice, or as often as written (up to 20 times), or once per ending number; a
+    nested repeat starts anew each time. Each D.C. and D.S. is followed once. Until its own place is
+    reached again, repeats are ignored, and the last ending is played.
     """
     groups = _groups(signs)
     stops = {ending.stop for group in groups for ending in group}
@@ -58,7 +58,7 @@ def playing_order(signs: Signs) -> Order:
 
 
 def _groups(signs: Signs) -> list[list[Ending]]:
-    """Return the endings of each repeat, each with its end, numbered by turns."""
+    """Group the endings by repeat; set their ends and their numbers."""
     endings = [signs.endings[start] for start in sorted(signs.endings)]
     backs = sorted(at for at in signs.at if signs.has(at, "backward"))
     groups: list[list[Ending]] = []
@@ -78,7 +78,7 @@ def _groups(signs: Signs) -> list[list[Ending]]:
 def _end(
     ending: Ending, limit: Fraction, backs: Sequence[Fraction], signs: Signs, is_beside: bool
 ) -> None:
-    """Give an ending a stop: the next repeat sign, if it has none, or too early a one."""
+    """Set the end of an ending: the next repeat sign if it has no end, or too early a one."""
     sign = next((at for at in backs if ending.start < at <= limit), None)
     stop = ending.stop
     if (stop is None and not is_beside) or (stop not in backs and sign == limit < signs.end):
@@ -89,12 +89,12 @@ def _end(
 
 
 def _number(group: Sequence[Ending]) -> None:
-    """Number endings in their order if their own numbers cannot be."""
+    """Number endings in their order, unless their own numbers are consistent."""
     numbers = sorted(number for ending in group for number in ending.numbers)
     is_possible = all(ending.numbers for ending in group) and 1 in group[0].numbers
     is_alone = [ending.numbers for ending in group] == [{0}]
     if is_alone or (is_possible and numbers == list(range(1, len(numbers) + 1))):
-        return  # 0 alone: played in passing, without a repeat
+        return  # 0 alone is played without a repeat
     first = 1
     for ending in group:
         count = max(len(ending.numbers), 1)
@@ -104,7 +104,7 @@ def _number(group: Sequence[Ending]) -> None:
 
 @dataclass(eq=False)
 class _Repeat:
-    """What is played several times: from which stretch on, how often, and its last stretch."""
+    """A repeat: its first section, the number of times, and its last section."""
 
     first: int
     times: int
@@ -112,11 +112,11 @@ class _Repeat:
 
 
 class _Plan:
-    """What belongs together: as brackets do, but the start of a repeat may be missing.
+    """Matches the signs of repeats; the start of a repeat may be missing.
 
     Attributes:
-        back: The repeat that goes back at the end of a stretch.
-        inside: The repeat of the ending in which a stretch is, and the turns that play it.
+        back: The repeat that jumps back at the end of a section.
+        inside: The repeat of the ending around a section, and the ending's numbers.
     """
 
     def __init__(
@@ -125,8 +125,8 @@ class _Plan:
         self.back: dict[int, _Repeat] = {}
         self.inside: dict[int, tuple[_Repeat, set[int]]] = {}
         self._signs, self._spans = signs, spans
-        # Where repeats start that have not ended yet. The last one below the floor is the place
-        # for those without a sign: after the last repeat, or in an ending its start.
+        # Starts of open repeats. The last one below the floor serves repeats without a start sign:
+        # it is after the last repeat or, within an ending, the ending's start.
         self._opened, self._floor = [0], 1
         group_at = {ending.start: group for group in groups for ending in group}
         ending_at = {ending.start: ending for group in groups for ending in group}
@@ -149,14 +149,14 @@ class _Plan:
                 self._opened = [here + 1]
 
     def _leads_away(self, stop: Fraction) -> bool:
-        """Return whether nobody goes back beyond a place without being told where to."""
+        """Return whether a sign stops implicit repeats from going back beyond a place."""
         return any(self._signs.has(stop, kind) for kind in ("dacapo", "dalsegno", "coda"))
 
     def _leave(self, here: int, repeat: _Repeat, group: Sequence[Ending], ending: Ending) -> None:
-        """End an ending, and with the last one its repeat."""
+        """End an ending, and its repeat after the last one."""
         is_last = ending is group[-1]
         if is_last and len(group) > 1 and len(self._opened) > self._floor:
-            self._end_repeat(here)  # a sign that ends a repeat within the last ending
+            self._end_repeat(here)  # the sign ends a repeat within the last ending
         else:
             self.back[here] = repeat
         del self._opened[self._floor - 1 :]
@@ -173,10 +173,10 @@ class _Plan:
     def _enter(
         self, here: int, ending: Ending, group: Sequence[Ending], repeat: _Repeat
     ) -> _Repeat:
-        """Begin an ending and return its repeat, which is a new one at the first ending."""
+        """Begin an ending; return its repeat, a new one at the first ending."""
         forward = self._signs.has(ending.start, "forward")
         is_first = ending is group[0]
-        # A sign at the start of an ending is that of a repeat in it, if one ends there.
+        # A forward sign at its start belongs to a repeat within it, if one ends there.
         is_within = any(
             ending.start < at < (ending.stop or at) and self._signs.has(at, "backward")
             for at in self._signs.at
@@ -185,7 +185,7 @@ class _Plan:
             self._opened.append(here)
         if is_first:
             last = max(max(each.numbers) for each in group)
-            # After a lone ending the last turn goes on behind it.
+            # The last turn skips a lone ending.
             repeat = _Repeat(self._opened[-1], last + (len(group) == 1))
         self._opened.append(here)
         self._floor = len(self._opened)
@@ -202,12 +202,12 @@ class _Plan:
 
 
 class _Walk:
-    """Walk through the music as a player does.
+    """Walks through the music as a player does.
 
     Attributes:
-        order: The stretches in the order of playing.
-        excused: Those that are played or behind a Fine, or between a To Coda and its coda.
-        aimless: Where jumps are of which the target is missing.
+        order: Sections in the order of playing.
+        excused: Sections that are played, after a Fine, or between a To Coda and its coda.
+        aimless: Places of jumps without a target.
     """
 
     def __init__(self, signs: Signs, spans: Sequence[Span], plan: _Plan) -> None:
@@ -218,10 +218,10 @@ class _Walk:
         self._turns: Counter[_Repeat] = Counter()
         self._followed: set[int] = set()
         self._leapt: int | None = None
-        """The stretch from whose end a D.C. or D.S. led back, until it is over again."""
+        """The section whose end led back by a D.C. or D.S., until it has ended again."""
 
     def run(self) -> None:
-        """Walk to the end, which is bounded: a long way leads straight on."""
+        """Walk to the end; after a limit of steps, signs are ignored."""
         here = 0
         while here < len(self._spans):
             if self._leapt is not None and here > self._leapt:
@@ -238,7 +238,7 @@ class _Walk:
         self.excused.update(self.order)
 
     def _is_due(self, here: int) -> bool:
-        """Return whether a stretch is played, which those of other endings are not."""
+        """Return whether a section is played; sections of other endings are not."""
         if here not in self._plan.inside:
             return True
         repeat, numbers = self._plan.inside[here]
@@ -246,7 +246,7 @@ class _Walk:
         return turn in numbers or numbers == {0}
 
     def _led_to(self, here: int) -> int | None:
-        """Return where a sign at the end of a stretch leads; at a Fine behind the last stretch."""
+        """Return the target of a sign at the end of a section; after a Fine, the end."""
         stop, repeat = self._spans[here][1], self._plan.back.get(here)
         if self._leapt is not None:
             if self._signs.has(stop, "fine"):
@@ -268,7 +268,7 @@ class _Walk:
         return target
 
     def _target(self, here: int, kind: str) -> int | None:
-        """Return the sign to which a jump leads: that of its name, else the next one."""
+        """Find the target of a jump: the sign of the same name, else the next one."""
         stop = self._spans[here][1]
         names = {name for sign, name in self._signs.at.get(stop, ()) if sign == kind}
         if not names:

@@ -1,4 +1,4 @@
-"""Which parts of a MusicXML file are the pianist's, and which hand plays their staves."""
+"""Choose the pianist's parts of a MusicXML file, and the hands of their staves."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _KEYBOARDS = re.compile(
     re.I,
 )
 _PLAYER = re.compile(r"\b(primo|secondo|[12]|ii?)\b", re.I)
-"""What tells the two players of a duet apart."""
+"""Names of the two players of a duet."""
 
 
 def played_parts(
     parts: Sequence[SourcePart], path: Path, chosen: Sequence[str | int]
 ) -> list[SourcePart]:
-    """Return the parts that are the pianist's, or those chosen by name or number from 1.
+    """Choose the pianist's parts, or parts by name or number from 1.
 
     Raises:
-        ScoreError: If there are none, or it cannot be told which they are.
+        ScoreError: If there are none, or the pianist's parts are unclear.
     """
     sounding = [part for part in parts if part.notes]
     if chosen:
@@ -50,12 +50,12 @@ def played_parts(
 
 
 def _of_piano(parts: list[SourcePart]) -> list[SourcePart]:
-    """Return the parts that are one pianist's: by name, else by their sound or their two staves."""
+    """Choose the parts of one pianist: by name, else by instrument or two staves."""
     if len(parts) < 2:
         return parts
     named = [p for p in parts if _KEYBOARDS.search(p.name) or hand_of_name(p.name)]
     if len(named) == 1 and named[0].staves == 1:
-        is_hand = not _KEYBOARDS.search(named[0].name)  # "Treble": the other of two is its "Bass"
+        is_hand = not _KEYBOARDS.search(named[0].name)  # "Treble" goes with its "Bass"
         named = parts if is_hand and len(parts) == 2 else _with_nameless(named[0], parts)
     grand = [part for part in parts if part.staves > 1]
     sounding = [p for p in parts if p.is_keyboard and (p in grand or NAMELESS.fullmatch(p.name))]
@@ -70,7 +70,7 @@ def _of_piano(parts: list[SourcePart]) -> list[SourcePart]:
 
 
 def _with_nameless(one: SourcePart, parts: list[SourcePart]) -> list[SourcePart]:
-    """Return a part with one staff and the part without a name that is its other hand's."""
+    """Return a part with one staff and the nameless part of its other hand."""
     place = parts.index(one)
     beside = [part for part in (*parts[place + 1 :], *parts[:place][::-1]) if not part.name]
     return [part for part in parts if part is one or part in beside[:1]]
@@ -83,7 +83,7 @@ def hands_of_staves(parts: Sequence[SourcePart]) -> list[dict[int, Hand | None]]
     if len(single) == 2:
         first, second = single
         known = by_name[first] or by_name[second]
-        if known is not None:  # the one without a name is the other hand
+        if known is not None:  # the nameless one is the other hand
             other = HANDS[known == HANDS[0]]
             by_name[first], by_name[second] = by_name[first] or other, by_name[second] or other
         elif _middle(parts[first]) >= _middle(parts[second]):

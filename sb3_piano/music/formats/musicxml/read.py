@@ -1,6 +1,6 @@
-"""Reading MusicXML, the format of notation programs.
+"""Read MusicXML, the format of notation programs.
 
-Both the plain (``.musicxml``, ``.xml``) and the compressed form (``.mxl``) are read.
+Both plain (``.musicxml``, ``.xml``) and compressed files (``.mxl``) are supported.
 """
 
 from __future__ import annotations
@@ -34,39 +34,37 @@ _GRACE = Fraction(1, 10)
 """Longest duration of a grace note, s."""
 
 _MOST_NAMED = 8
-"""How many bars a warning names."""
+"""Most bars that a warning names."""
 
 _MOST_TIES = 16
-"""How many voices may hold a key."""
+"""Most voices that may hold a key."""
 
 _LIFT = Fraction(1, 10)
-"""Time for which the pedal is up where it is changed, s."""
+"""Time for which the pedal is up at a change, s."""
 
 
 def read_musicxml(path: str | os.PathLike[str], parts: Sequence[str | int] = ()) -> Score:
     """Read a MusicXML file; its name without the suffix becomes the title.
 
-    - *Time*: by the tempo marks, 120 quarter notes a minute until the first, and the signs of
-      swing; fermatas and words change nothing. Repeats, endings, D.C. and D.S. are played, also
-      where they are only printed. A grace note is played before the beat, for 0.1 s, or less where
-      that would take more than half of the time since the last note. A note with a staccato dot is
-      held for half of its time. Trills and arpeggios are played as the plain notes that are
-      written.
-    - *Hands*: of a part with two staves, the upper is the right hand's; of two parts with one
-      staff, likewise. A lone staff is a hand's if its name says so, or if it has fingerings; then
-      the clef decides. Of a substitution (``4-1``) the first finger is taken.
-    - *Pedal*: by its marks, or the sound that stands with them. Where it is changed it is up for
-      0.1 s.
-    - *Velocity*: by the ``dynamics`` of each note, which programs write from playback, 80 without;
-      the signs (``mf``) are not played.
-    - *Parts*: those chosen by name, or number from 1. Else those of keyboard instruments and
-      those that name hands, together; a part without a name beside a piano on one staff is its
-      other hand. A warning names the others. Where nothing tells of a piano, one or two parts.
+    - *Time*: by the tempo marks, 120 quarter notes a minute before the first, and by signs of
+      swing; fermatas and words have no effect. Repeats, endings, D.C. and D.S. are played, also if
+      they are only printed. A grace note is played before the beat, for 0.1 s, but at most for half
+      of the time since the last note. A note with a staccato dot is held for half of its time.
+      Trills and arpeggios are played as the plain notes that are written.
+    - *Hands*: the upper of a part's two staves is the right hand; so is the upper of two parts with
+      one staff. The hand of a lone staff follows from its name; if it has fingerings, else from its
+      clef. The first finger of a substitution (``4-1``) counts.
+    - *Pedal*: by its marks, or by the sound attributes with them; up for 0.1 s at a change.
+    - *Velocity*: by the ``dynamics`` of each note, which programs write from playback, default 80;
+      signs (``mf``) have no effect.
+    - *Parts*: chosen by name, or by number from 1. By default, all parts of keyboard instruments
+      and parts named after hands; a nameless part beside a piano on one staff is its other hand. A
+      warning names the other parts. If no part looks like a piano, one or two parts are read.
 
     Raises:
         ScoreError: If there is no such file, it is not MusicXML, its parts
             are not one pianist's and none is chosen, or no note remains.
-        ScoreWarning: Is warned if notes or parts were left out.
+        ScoreWarning: If notes or parts were left out.
     """
     path = Path(path)
     left_out = LeftOut()
@@ -92,7 +90,7 @@ def read_musicxml(path: str | os.PathLike[str], parts: Sequence[str | int] = ())
 
 
 def _bars(numbers: Sequence[str]) -> str:
-    """Return ``"bars 5, 6, 9"``, at most the first few of them."""
+    """Return ``"bars 5, 6, 9"``, with at most the first few."""
     shown = [*numbers[:_MOST_NAMED], *(["..."] if len(numbers) > _MOST_NAMED else [])]
     return f"bar{'s' * (len(numbers) > 1)} {', '.join(shown)}"
 
@@ -103,7 +101,7 @@ def _score(parts: Sequence[SourcePart], line: Timeline, path: Path, left_out: Le
         for part, of_staff in zip(parts, hands_of_staves(parts), strict=True)
         for note in _with_grace_times(_tied_notes(part.notes, line))
     ]
-    # Grace notes before the first beat take their time from nobody, so that everything waits.
+    # Nothing precedes grace notes before the first beat, so everything else is delayed.
     wait = -min([Fraction(0), *(note.start for note, _ in played)])
     notes = [
         _note(note, wait, hand)
@@ -136,7 +134,7 @@ def _note(note: SourceNote, wait: Fraction, hand: Hand | None) -> Note:
 
 
 def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]:
-    """Return the notes in the order of playing, in seconds, with those joined that are tied."""
+    """Return the notes in the order of playing, in seconds, with tied notes joined."""
     played = [
         replace(note, start=start, end=end)
         for note in notes
@@ -165,10 +163,10 @@ def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]
 
 
 def _tied_to(note: SourceNote, ties: Sequence[SourceNote], struck: Fraction) -> SourceNote | None:
-    """Return which note of its pitch, of those with an open tie, another one goes on with.
+    """Find the note with an open tie that a tied note continues, or None.
 
-    It is the one that ends where the other begins, of the same voice if there are more; else the
-    last one, over a gap of less than a measure, unless its key was ``struck`` again.
+    Best is a note that ends where the other begins, in the same voice if possible. Otherwise it is
+    the last one with a gap of less than a measure, unless its key was ``struck`` again.
     """
     meeting = [tie for tie in ties if tie.end == note.start]
     same_voice = [tie for tie in meeting if tie.voice == note.voice]
@@ -183,7 +181,7 @@ def _tied_to(note: SourceNote, ties: Sequence[SourceNote], struck: Fraction) -> 
 
 
 def _with_grace_times(notes: list[SourceNote]) -> list[SourceNote]:
-    """Play the grace notes, which have no time of their own, before the beat."""
+    """Set the times of grace notes, which have no length, before the beat."""
     onsets = sorted({note.start for note in notes if not note.grace})
     for note in notes:
         if note.grace:
@@ -199,11 +197,11 @@ def _with_grace_times(notes: list[SourceNote]) -> list[SourceNote]:
 def _presses(
     pedals: Sequence[tuple[Fraction, Fraction]], line: Timeline, wait: Fraction
 ) -> Iterator[Pedal]:
-    """Yield the presses of one part, with the pedal up for a moment between two of them."""
+    """Yield the presses of one part, with the pedal up briefly between two of them."""
     played = sorted(press for down, up in pedals for press in line.played(down, up))
     last_up = None
     for (down, up), after in itertools.zip_longest(played, played[1:]):
-        if after is not None:  # as at a repeat sign, over which it is held
+        if after is not None:  # it may be held over a repeat sign
             up = min(up, after[0])
         start = down if last_up is None or down > last_up else last_up + _LIFT
         onset, offset = float(start + wait), float(up + wait)

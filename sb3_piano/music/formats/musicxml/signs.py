@@ -1,4 +1,4 @@
-"""The signs in a MusicXML file that tell in which order it is played, declared or printed only."""
+"""Collect the repeats and jumps of a MusicXML file, declared or only printed."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from xml.etree.ElementTree import Element
 from sb3_piano.music.text_file import read_whole
 
 MOST_TIMES = 20
-"""How often what is repeated is played at most: damaged numbers would fill the memory."""
+"""Limit of repetitions: damaged numbers would fill the memory."""
 
 KINDS = ("dacapo", "dalsegno", "segno", "tocoda", "coda", "fine")
-"""The attributes of a ``sound`` that lead elsewhere, or are led to."""
+"""The attributes of a ``sound`` for jumps and their targets."""
 
 _WORDS = {
     "dacapo": r"(^|\b)d\. ?c\b|^dc\b|\bda ?capo\b",
@@ -24,7 +24,7 @@ _WORDS = {
     "segno": r"^segno\W*$",
     "fine": r"^(fine?|ende)\W*$",
 }
-"""What is printed for each kind."""
+"""Printed text for each kind."""
 
 _SYMBOLS = str.maketrans(
     {
@@ -41,7 +41,7 @@ _NUMBER = r"(\d+|[ivx]+\b)"
 
 @dataclass(eq=False)
 class Ending:
-    """An ending: the times at which it is played as written, where it starts and where it stops."""
+    """An ending: the turns in which it is played, its start and its stop."""
 
     numbers: set[int]
     start: Fraction
@@ -50,12 +50,12 @@ class Ending:
 
 @dataclass
 class Signs:
-    """Signs of order in any part, by the quarter note at which they stand.
+    """Repeats and jumps in any part, by their quarter note.
 
     Attributes:
-        at: Kinds, each with its name: forward and backward (repeats; how often they are played),
-            and those of a ``sound``.
-        endings: The endings, by where they start.
+        at: Kinds, each with its name: forward and backward (repeats; the name is the number of
+            times), and the kinds of a ``sound``.
+        endings: The endings, by their start.
         bars: Number, start and end of each measure.
     """
 
@@ -68,22 +68,22 @@ class Signs:
 
     @property
     def end(self) -> Fraction:
-        """Where the last measure ends."""
+        """End of the last measure."""
         return self.bars[-1][2] if self.bars else Fraction(0)
 
     def add_repeat(self, at: Fraction, direction: str, times: str) -> None:
-        """Note a repeat sign."""
+        """Add a repeat sign."""
         self.at[at].add((direction, times))
 
     def add_sound(self, at: Fraction, sound: Element) -> None:
-        """Note what an element declares by its attributes."""
+        """Add the jumps that an element declares in its attributes."""
         for kind in KINDS:
             name = sound.get(kind)
             if name is not None and name != "no":
                 self._of_measure.append((at, kind, name))
 
     def add_printed(self, at: Fraction, element: Element) -> None:
-        """Note the signs and words of a direction, or the signs at a bar line."""
+        """Add the signs and words of a direction, or the signs at a bar line."""
         words = [
             " ".join((each.text or "").translate(_SYMBOLS).split()) for each in _words(element)
         ]
@@ -93,17 +93,17 @@ class Signs:
         self._of_measure += [(at, kind, None) for kind in found]
 
     def begin_ending(self, at: Fraction, numbers: str) -> None:
-        """Note where an ending starts."""
+        """Start an ending."""
         self._open = self.endings.setdefault(at, Ending(_ending_numbers(numbers), at))
 
     def end_ending(self, at: Fraction) -> None:
-        """Note where it stops."""
+        """Stop the open ending."""
         if self._open is not None:
             self._open.stop = at
         self._open = None
 
     def end_measure(self, number: str, start: Fraction, end: Fraction) -> None:
-        """Note where a measure ends."""
+        """Add a measure, and place its signs."""
         for at, kind, name in self._of_measure:
             if name is None:
                 self._printed.append((at, kind, start, end))
@@ -113,7 +113,7 @@ class Signs:
         self.bars.append((number, start, end))
 
     def finish(self) -> None:
-        """Take what is printed for what is not declared anywhere."""
+        """Use printed signs of kinds that are declared nowhere."""
         declared = {kind for signs in self.at.values() for kind, _ in signs}
         codas = sorted({at for at, kind, _, _ in self._printed if kind == "coda"})
         is_said = any(kind == "tocoda" for _, kind, _, _ in self._printed)
@@ -124,19 +124,19 @@ class Signs:
                 self.at[_place(at, kind, start, end)].add((kind, ""))
 
     def times(self, at: Fraction) -> int:
-        """Return how often is played what a repeat at a place ends, unless endings say more."""
+        """Return how often a repeat that ends at a place is played, by its sign."""
         given = (name for sign, name in self.at.get(at, ()) if sign == "backward")
         return max((min(read_whole(name) or 2, MOST_TIMES) for name in given), default=2)
 
     def has(self, at: Fraction, kind: str) -> bool:
-        """Return whether there is a sign of a kind."""
+        """Return whether a place has a sign of a kind."""
         return any(sign == kind for sign, _ in self.at.get(at, ()))
 
 
 def _place(at: Fraction, kind: str, start: Fraction, end: Fraction) -> Fraction:
-    """Return where a sign counts: what leads elsewhere does so at the end of its measure.
+    """Return the place of a sign's effect: a jump acts at the end of its measure.
 
-    Fine and To Coda do so within one, too, unless they stand at its start.
+    Fine and To Coda act at their own place, unless it is the measure's start.
     """
     is_late = kind in ("dacapo", "dalsegno") or (kind in ("fine", "tocoda") and at == start)
     return end if is_late else at
@@ -151,7 +151,7 @@ def _kinds(text: str) -> list[str]:
 
 
 def _ending_numbers(text: str) -> set[int]:
-    """Return the numbers of an ending such as ``"1, 2"``, ``"1-3"`` or ``"II."``."""
+    """Parse the numbers of an ending such as ``"1, 2"``, ``"1-3"`` or ``"II."``."""
     numbers: set[int] = set()
     for first, last in re.findall(
         rf"\b{_NUMBER}(?:\.?\s*[-\u2013\u2014]\s*{_NUMBER})?", text.lower()

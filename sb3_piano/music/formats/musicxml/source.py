@@ -1,4 +1,4 @@
-"""The music as a MusicXML document has it: the notes of each part, in quarter notes."""
+"""Read the notes of each part of a MusicXML document, in quarter notes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from sb3_piano.music.text_file import read_whole
 _DIVISIONS = "measure/attributes/divisions"
 _DAMPER = "damper-pedal"
 _HALF_DOWN = 50
-"""Per cent from which on a damper pedal is down."""
+"""Least per cent of a damper pedal that is down."""
 
 NAMELESS = re.compile(r"(musicxml )?(part|instrument|track|staff|stave|p)?[\s_.#-]*\d*", re.I)
-"""Names of parts that tell nothing."""
+"""Names of parts without information."""
 
 _NO_KEY = 999
-"""Pitch, up and down, of the notes of damaged files whose names would be endless."""
+"""Limit of the pitch of damaged files' notes, up and down, as their names would be endless."""
 
 
 @dataclass(eq=False)
@@ -40,12 +40,12 @@ class SourcePart:
     """A part of the file; its times are in quarter notes.
 
     Attributes:
-        name: What the file calls it; may be empty.
-        is_keyboard: Whether the file says that it sounds as a keyboard instrument.
-        notes: The notes that sound, in the order of the file.
+        name: Its name in the file; may be empty.
+        is_keyboard: Whether the file gives it the sound of a keyboard instrument.
+        notes: Sounding notes, in the order of the file.
         pedals: (down, up) of each press of the pedal.
-        measures: When each measure begins that is a whole one, no upbeat.
-        staves: How many staves it has.
+        measures: Start of each whole measure, without upbeats.
+        staves: Number of staves.
         clef: The first clef of its first staff, by its letter.
     """
 
@@ -59,11 +59,11 @@ class SourcePart:
 
 
 def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
-    """Return the parts in the bytes of a file, and the marks that all of them go by.
+    """Parse the bytes of a file; return its parts and their common marks.
 
     Raises:
-        ValueError: If it is too large, no MusicXML, or a number in it is none.
-        Exception: Whatever zipfile and ElementTree raise at a damaged file.
+        ValueError: If it is too large, is not MusicXML, or has a malformed number.
+        Exception: Any error of zipfile and ElementTree for a damaged file.
     """
     root = read_document(content)
     names = _part_names(root)
@@ -74,12 +74,12 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
     ]
     end = Fraction(0)
     for measures in itertools.zip_longest(*(one.findall("measure") for one in elements)):
-        # A measure is as long as in its longest part: others may leave rests out.
+        # A measure is as long as in its longest part; others may omit rests.
         there = [pair for pair in zip(readers, measures, strict=True) if pair[1] is not None]
         start, end = end, max([reader.read(measure, end) for reader, measure in there])
         upbeat = any(_is_upbeat(measure) for _, measure in there)
         if end == start and not upbeat:
-            end += max(reader.meter for reader, _ in there)  # of a rest that nobody has written
+            end += max(reader.meter for reader, _ in there)  # an unwritten rest
         for reader, measure in there:
             reader.close(measure, end)
         marks.signs.end_measure(there[0][1].get("number", ""), start, end)
@@ -91,9 +91,9 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
 
 
 def _part_names(root: Element) -> dict[str, tuple[str, bool]]:
-    """Return for each id of a part its name, and whether it sounds as a keyboard, as far as told.
+    """Map each part's id to its name, and to whether it sounds as a keyboard.
 
-    The program is taken for a piano's only where the name tells nothing: it is the default.
+    A piano program counts only for a nameless part, since it is the default.
     """
     found = {}
     for part in root.iter("score-part"):
@@ -111,9 +111,9 @@ def _part_names(root: Element) -> dict[str, tuple[str, bool]]:
 
 
 def _first_divisions(parts: Sequence[Element]) -> list[list[Fraction]]:
-    """Return the first divisions of each part, wherever they stand in it.
+    """Find the first divisions of each part, anywhere in it.
 
-    They are lists of one; a part that has none shares those of another, which may change.
+    Each is a list of one item; a part without divisions shares another part's list.
     """
     found = [
         filter(None, (read_number(element.text) for element in part.iterfind(_DIVISIONS)))
@@ -125,23 +125,23 @@ def _first_divisions(parts: Sequence[Element]) -> list[list[Fraction]]:
 
 
 class _PartReader:
-    """Walk through the measures of a part, whose ``divisions`` of a quarter note are the first."""
+    """Reads the measures of a part; ``divisions`` of a quarter note are its first."""
 
     def __init__(self, part: SourcePart, marks: Marks, divisions: list[Fraction]) -> None:
         self.part = part
         self._marks = marks
         self._divisions = divisions
         self._transpositions: dict[int, tuple[int, int]] = {}
-        """Semitones, and those of a second note, by staff; 0 is every other one."""
+        """Semitones, and a second note's semitones, by staff; 0 is for every other staff."""
         self.meter = Fraction(0)
-        """Length of a measure, in quarter notes, once it is known."""
+        """Length of a measure, in quarter notes; 0 while unknown."""
         self._here = Fraction(0)
         self._struck = (Fraction(0), Fraction(0))
         self._measure = 0
         self._pedal_signs: list[tuple[Fraction, str]] = []
 
     def read(self, measure: Element, start: Fraction) -> Fraction:
-        """Read a measure, but for the bar line at its end, and return where its last voice ends."""
+        """Read a measure without its last bar line; return the end of its longest voice."""
         if not _is_upbeat(measure):
             self.part.measures.append(start)
         self._measure += 1
@@ -168,12 +168,12 @@ class _PartReader:
         return end
 
     def close(self, measure: Element, end: Fraction) -> None:
-        """Read the bar line at the end of a measure that was read, now that all parts have been."""
+        """Read the last bar line of a measure, after all parts have read the measure."""
         for barline in filter(_is_last, measure.findall("barline")):
             self._read_barline(barline, end)
 
     def finish(self, end: Fraction) -> None:
-        """Read what concerns all measures, now that the last one ends."""
+        """Complete the part after its last measure."""
         notes = self.part.notes
         count_grace_notes(notes)
         share_out(notes)
@@ -187,7 +187,7 @@ class _PartReader:
             if not note.in_tuplet:
                 note.start, note.end = played(note.start), played(note.end)
         down: Fraction | None = None
-        # Where a press follows another, the end of the former may be written after its start.
+        # The end of a press may be written after the start of the next.
         for at, kind in sorted(self._pedal_signs, key=lambda sign: (sign[0], sign[1] != "stop")):
             if down is not None and kind != "hold":
                 self.part.pedals.append((down, played(at)))
@@ -215,7 +215,7 @@ class _PartReader:
             span = self._struck = (self._here, self._here + duration)
             self._here += duration
         elif duration and written in (0, duration):
-            # Programs also write shorter durations there that belie the type, without the dot.
+            # Programs also write too short durations in chords; the type is then right.
             span = (span[0], span[0] + duration)
         if element.find("pitch") is not None and element.find("cue") is None:
             note = read_note(element, span)
@@ -267,7 +267,7 @@ class _PartReader:
                 self._pedal_signs.append((at, kind))
 
     def _moved(self, offset: Element | None, at: Fraction | None = None) -> Fraction:
-        """Return where is heard what stands here, by its offset if it has one."""
+        """Return the sounding place of an element, moved by its offset if it has one."""
         if offset is None:
             return self._here if at is None else at
         return max(self._here + read_number(offset.text) / self._divisions[0], Fraction(0))
@@ -297,12 +297,12 @@ class _PartReader:
 
 
 def _is_upbeat(measure: Element) -> bool:
-    """Return whether a measure is not a whole one."""
+    """Return whether a measure is incomplete."""
     return measure.get("implicit") == "yes" or measure.get("number") == "0"
 
 
 def _length(meter: Element) -> Fraction:
-    """Return the quarter notes of a meter, which may be a sum such as 3/8 + 2/4; 0 without one."""
+    """Return the quarter notes of a meter, also of a sum such as 3/8 + 2/4; 0 without one."""
     length = Fraction(0)
     for beats, unit in zip(meter.findall("beats"), meter.findall("beat-type"), strict=False):
         count = sum(int(number) for number in re.findall(r"\d{1,3}", beats.text or ""))

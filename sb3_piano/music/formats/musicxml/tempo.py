@@ -1,4 +1,4 @@
-"""The tempo in which a score is best written: 1.3 s may be a bar of 2/4 at 92, or of 4/4 at 184."""
+"""Choose the tempo for writing a score: 1.3 s may be a bar of 2/4 at 92, or of 4/4 at 184."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from sb3_piano.music.score import Score
 
 DEFAULT_TEMPO = 120.0
-"""Quarter notes a minute where the score does not tell."""
+"""Default quarter notes a minute."""
 
 _METERS = (2.0, 3.0, 4.0, 1.5, 4.5, 6.0)
 """Quarter notes in a bar: 2/4, 3/4, 4/4, 3/8, 9/8 and 12/8."""
 
 _GRIDS = ((1, 0.0), (2, 1.0), (4, 2.0), (3, 2.5), (6, 3.5))
-"""Parts of a quarter note at which notes begin, and how much each makes a note harder to read."""
+"""Divisions of a quarter note at which notes begin, and the reading effort of each."""
 
 
 def likely_tempo(score: Score) -> float:
-    """Return a tempo near 100 in which most notes begin at simple parts of a quarter note.
+    """Choose a tempo near 100 in which most notes begin at simple parts of a quarter note.
 
-    Where bars are unknown or of different lengths it is 120.
+    It is 120 if bars are unknown or differ in length.
     """
     bars, onsets = np.array(score.bars), np.array([note.onset for note in score.notes])
     lengths = np.diff(bars)

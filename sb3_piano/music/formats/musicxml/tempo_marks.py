@@ -1,4 +1,4 @@
-"""Metronome marks, and swing: eighth notes that are written alike and played long and short."""
+"""Metronome marks, and swing: equally written eighth notes played long and short."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from sb3_piano.music.text_file import read_whole
 
 
 def metronome_tempo(mark: Element) -> tuple[Fraction, bool] | None:
-    """Return the quarter notes a minute of a metronome mark, or what the tempo is multiplied by.
+    """Return the quarter notes a minute of a metronome mark, or a factor of the tempo.
 
-    The latter, with ``True``, is that of a metric modulation such as quarter = dotted quarter: the
-    new note at the right lasts as long as the former one at the left. Of 80-88 the first counts.
+    A factor, with ``True``, comes from a metric modulation such as quarter = dotted quarter: the
+    new note at the right lasts as long as the former one at the left. For 80-88, the first counts.
     """
     values = _values(mark)
     number = re.search(r"\d+([.,]\d+)?", mark.findtext("per-minute") or "")
@@ -28,7 +28,7 @@ def metronome_tempo(mark: Element) -> tuple[Fraction, bool] | None:
 
 
 def _values(mark: Element) -> list[Fraction]:
-    """Return the quarter notes of the note at each side of a mark."""
+    """Return the quarter notes of the notes on both sides of a mark."""
     values, last = [Fraction(0)], Fraction(0)
     for child in mark:
         if child.tag == "metronome-relation" or (child.tag == "beat-unit" and values[-1]):
@@ -54,18 +54,18 @@ _EVEN = Fraction(1, 2)
 
 @dataclass
 class Swings:
-    """Where notes are swung, and which; times are in quarter notes.
+    """Places of swing, and the swung note values; times are in quarter notes.
 
     Attributes:
-        signs: From where on: the quarter notes of a pair of notes, and the share of the first.
-        bars: Where each measure begins, and whence its pairs are counted.
+        signs: By start: the quarter notes of a pair of notes, and the share of the first.
+        bars: Start of each measure, and the origin from which its pairs are counted.
     """
 
     signs: dict[Fraction, tuple[Fraction, Fraction]] = field(default_factory=dict)
     bars: list[tuple[Fraction, Fraction]] = field(default_factory=list)
 
     def add(self, at: Fraction, sign: Element) -> None:
-        """Note a sign, which may end the swing."""
+        """Add a sign, which may end the swing."""
         first, second = (read_whole(sign.findtext(tag) or "1") or 1 for tag in ("first", "second"))
         pair = 2 * (note_value(sign.findtext("swing-type")) or _EVEN)
         self.signs[at] = pair, Fraction(first, first + second)
@@ -75,7 +75,7 @@ class Swings:
         return sorted(self.signs)
 
     def played(self, at: Fraction) -> Fraction:
-        """Return when is played what is written at a time, once all signs are known."""
+        """Return the played time of a written time, once all signs are known."""
         index = bisect.bisect_right(self._corners, at) - 1
         pair, share = self.signs[self._corners[index]] if index >= 0 else (Fraction(1), _EVEN)
         if share == _EVEN:
@@ -83,6 +83,6 @@ class Swings:
         bar = bisect.bisect_right(self.bars, at, key=itemgetter(0)) - 1
         place = (at - self.bars[bar][1]) / pair % 1
         if place.denominator & (place.denominator - 1):
-            return at  # triplets are as they are written
+            return at  # triplets are not swung
         moved = 2 * place * share if place <= _EVEN else 1 - 2 * (1 - place) * (1 - share)
         return at + (moved - place) * pair

@@ -1,4 +1,4 @@
-"""When the music of a MusicXML file is played."""
+"""Compute the times at which the music of a MusicXML file is played."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from sb3_piano.music.formats.musicxml.signs import Signs
 from sb3_piano.music.formats.musicxml.tempo_marks import Swings
 
 _QUARTERS_PER_MINUTE = Fraction(120)
-"""The tempo of a file until its first mark, as notation programs have it."""
+"""The tempo of a file before its first mark, as in notation programs."""
 
 _SLOWEST, _FASTEST = Fraction(1), Fraction(9999)
-"""Bounds of a tempo that is a multiple of that before."""
+"""Limits of a tempo that is a multiple of the one before."""
 
 _FINEST = 2**64
-"""Largest denominator of times that others are reckoned from."""
+"""Largest denominator of times used in further sums."""
 
 
 @dataclass
 class Marks:
-    """Marks of tempo and order in a file, in any part, by the quarter note at which they stand.
+    """Marks of tempo and order in any part of a file, by their quarter note.
 
     Attributes:
-        tempos: Quarter notes a minute from there on; with ``True`` as a multiple of those before.
-        signs: Those of order.
-        swings: Where notes are swung.
+        tempos: Quarter notes a minute from there on; with ``True``, a multiple of the last tempo.
+        signs: Repeats and jumps.
+        swings: Places of swing.
     """
 
     tempos: dict[Fraction, tuple[Fraction, bool]] = field(default_factory=dict)
@@ -41,7 +41,7 @@ class Marks:
     def add_tempo(
         self, at: Fraction, tempo: Fraction, *, printed: bool = False, relative: bool = False
     ) -> None:
-        """Note a tempo; of several at one place the last that sounds counts, else the last."""
+        """Add a tempo; at one place the last declared one counts, else the last printed one."""
         if tempo > 0 and not (printed and at in self._sounding):
             self.tempos[at] = tempo, relative
             if not printed:
@@ -53,11 +53,11 @@ class Timeline:
     """Times at which each moment of the written music is played, once or several times.
 
     Attributes:
-        seconds: The function from quarter notes to seconds, of the written music.
-        starts: When each stretch of it begins that is played in one go, in s.
-        later: For each stretch by how much later it is played than written, each time, in s.
+        seconds: Function from quarter notes to seconds, for the written music.
+        starts: Start of each section that is played without a jump, in s.
+        later: For each section, the delay of each of its turns relative to the written time, in s.
         unplayed: Numbers of bars that are never played, as no sign leads there.
-        aimless: Number of the bar at whose end is a jump whose target is missing, if there is one.
+        aimless: Number of a bar that ends in a jump without a target, if there is one.
     """
 
     seconds: Callable[[Fraction], Fraction]
@@ -69,9 +69,9 @@ class Timeline:
     def played(
         self, start: Fraction, end: Fraction, *, closes: bool = False
     ) -> Iterator[tuple[Fraction, Fraction]]:
-        """Yield when an event is played, in s, by its start and end in quarter notes.
+        """Yield the times of an event, in s, from its start and end in quarter notes.
 
-        What ``closes`` a measure, where the next one begins, is played with the former.
+        An event that ``closes`` a measure at the next one's start is played with the former.
         """
         first, last = self.seconds(start), self.seconds(end)
         find = bisect.bisect_left if closes else bisect.bisect_right
@@ -80,9 +80,9 @@ class Timeline:
 
 
 def timeline(marks: Marks) -> Timeline:
-    """Lay out the music.
+    """Compute the times of all music.
 
-    On jumps back the tempo is that of the place, as players have it.
+    After a jump back, the tempo is the written one of the place.
     """
     corners = sorted({Fraction(0), *marks.tempos})
     tempos, times = [_QUARTERS_PER_MINUTE], [Fraction(0)]
@@ -111,5 +111,5 @@ def timeline(marks: Marks) -> Timeline:
 
 
 def _short(number: Fraction) -> Fraction:
-    """Return a number, rounded where sums of many tempos have made it one of a hundred digits."""
+    """Round a number whose denominator has grown too large."""
     return number if number.denominator < _FINEST else Fraction(round(number * _FINEST), _FINEST)

@@ -1,7 +1,7 @@
-"""Writing MusicXML, the format of notation programs.
+"""Write MusicXML, the format of notation programs.
 
-The score is written as a piano's: staff 1 for the right hand, staff 2 for the left. Notes that
-overlap are in voices of their own; those that last beyond a bar line are tied.
+The score becomes a piano part: staff 1 for the right hand, staff 2 for the left. Overlapping notes
+are in separate voices; notes that last beyond a bar line are tied.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from sb3_piano.music.pitch import pitch_name
 from sb3_piano.music.score import Score
 
 _DIVISIONS = 12_000
-"""Ticks in a quarter note: thirds, fifths and 64ths are whole, and at 120 to the minute so is 1 ms.
+"""Ticks in a quarter note: thirds, fifths, 64ths, and 1 ms at 120 to the minute are whole.
 
-Notation programs want no more than 16383.
+Notation programs accept at most 16383.
 """
 
 _WHOLE = 4 * _DIVISIONS
@@ -42,7 +42,7 @@ _LINE_STEP = _WHOLE // _BEAT_TYPES[-1]
 """A bar line is at a whole 128th, so that each measure has a meter."""
 
 _VOICES_OF_A_STAFF = 4
-"""As many as notation programs have; more are written, but only if the notes need them."""
+"""Number of voices in notation programs; more are written only if the notes need them."""
 
 _NAMES = ("whole", "half", "quarter", "eighth", "16th", "32nd", "64th")
 _VALUES = {
@@ -55,7 +55,7 @@ _VALUES = {
         (whole, 0, False),
     )
 }
-"""Note value, dots and whether it is of a triplet, by the length in ticks."""
+"""Note value, dots and whether it is a triplet's, by the length in ticks."""
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -76,22 +76,22 @@ _Span = tuple[int, int]
 def write_musicxml(
     score: Score, path: str | os.PathLike[str], *, tempo: float | None = DEFAULT_TEMPO
 ) -> None:
-    """Write a score as a MusicXML file, whole or not at all; compressed if it ends in ``.mxl``.
+    """Write a score as a MusicXML file, atomically; compressed if it ends in ``.mxl``.
 
-    Pitches, fingers, hands and velocities come back as they were, times to half a tick: a tick is
-    1/12000 of a quarter note, 0.04 ms at 120 to the minute. A score read back and written again
-    comes back exactly. The file has no unknown hand: where it is, the note goes to the right
-    hand's staff from middle C on and to the left hand's below.
+    Pitches, fingers, hands and velocities are preserved, times to half a tick: a tick is 1/12000 of
+    a quarter note, 0.04 ms at 120 to the minute. A score read back and written again is preserved
+    exactly. The file has no unknown hand: such a note goes to the right hand's staff from middle C
+    up, and to the left hand's below.
 
-    The bars of the score are the measures, to the nearest 128th (8 ms at 120), those from its end
-    on left out; without any, a measure has four quarter notes. What values the notes are drawn in
-    depends on `tempo`, nothing else does.
+    The bars of the score are the measures, to the nearest 128th (8 ms at 120), without bars from
+    its end on; without any, a measure has four quarter notes. `tempo` only changes the note values
+    that are drawn.
 
     Args:
-        score: What is written.
+        score: The score.
         path: The file.
-        tempo: Quarter notes per minute that the notes are counted in, finite and above 0; None for
-            the one in which the score is most legible (:func:`likely_tempo`).
+        tempo: Quarter notes per minute for the note values, finite and above 0; None for the most
+            legible tempo (:func:`likely_tempo`).
 
     Raises:
         ScoreError: If `tempo` is out of range, or the file cannot be written.
@@ -105,7 +105,7 @@ def write_musicxml(
 
 
 class _Measure(NamedTuple):
-    """A measure, from its first tick until the first after it, as long as its meter says."""
+    """A measure: its first tick, the first after it, and its meter."""
 
     start: int
     end: int
@@ -114,10 +114,10 @@ class _Measure(NamedTuple):
 
 
 def _measures(bars: Sequence[int], end_of_notes: int, last: int) -> list[_Measure]:
-    """Return the measures, by the ticks of bars, or of four quarter notes if there are none.
+    """Compute the measures, by the ticks of bars, or of four quarter notes without bars.
 
-    A bar line is moved to the next 128th, if necessary; bars that have no length then are left out.
-    The last measure has what lasts beyond the notes in it.
+    Bar lines are rounded to 128ths; bars without length are then left out. The last measure extends
+    to the end of all notes and pedals.
     """
     lines = {round(bar / _LINE_STEP) * _LINE_STEP for bar in bars}
     lines = {line for line in lines if line < end_of_notes} or set(range(0, last, _WHOLE))
@@ -137,13 +137,13 @@ def _measures(bars: Sequence[int], end_of_notes: int, last: int) -> list[_Measur
 
 
 def _meter(ticks: int) -> tuple[int, int]:
-    """Return the meter of a measure, in the longest beats that it consists of."""
+    """Return the meter of a measure, in the longest possible beats."""
     beat_type = next(kind for kind in _BEAT_TYPES if ticks * kind % _WHOLE == 0)
     return ticks * beat_type // _WHOLE, beat_type
 
 
 _Chord = list[tuple[Note, bool, bool]]
-"""Notes that are struck and end together, each with whether it is tied back, and on."""
+"""Notes that start and end together, each with its ties to the note before and after."""
 
 _TEMPO = (
     '<direction placement="above"><direction-type><metronome><beat-unit>quarter</beat-unit>'
@@ -203,9 +203,9 @@ def _document(score: Score, tempo: Fraction) -> bytes:
 def _struck(
     notes: Sequence[Note], spans: Sequence[_Span], lines: Sequence[int]
 ) -> tuple[tuple[int, int], dict[int, dict[int, dict[_Span, _Chord]]]]:
-    """Return the first voice of each staff, and the chords of each measure (by its start), voice.
+    """Return the first voice of each staff, and the chords of each measure (by start) and voice.
 
-    A note has a voice of its own, or one with what sounds exactly as long as it.
+    A note shares a voice only with notes of exactly the same span.
     """
     last: tuple[list[_Span], list[_Span]] = ([], [])
     chosen = []
@@ -236,17 +236,17 @@ def _staff(note: Note) -> int:
 
 
 def _pedal_marks(spans: Sequence[_Span], lines: Sequence[int]) -> dict[int, list[tuple[int, str]]]:
-    """Return the marks of each measure, by its start: (tick, start or stop)."""
+    """Return the pedal marks of each measure, by its start: (tick, start or stop)."""
     marks: list[tuple[int, str]] = []
     for down, up in spans:
         if marks and down <= marks[-1][0]:
-            marks.pop()  # too little time for a tick between them
+            marks.pop()  # no tick is left between them
         else:
             marks.append((down, "start"))
         marks.append((up, "stop"))
     by_measure = defaultdict(list)
     for tick, kind in marks:
-        # What ends with a measure is written in it.
+        # A stop at the end of a measure is written in that measure.
         place = tick - int(kind == "stop")
         by_measure[lines[bisect.bisect_right(lines, place) - 1]].append((tick, kind))
     return by_measure
@@ -259,7 +259,7 @@ def _attributes(meter: tuple[int, int], *, is_first: bool) -> str:
 
 
 def _move(here: int, there: int) -> str:
-    """Return what leads from one tick to another."""
+    """Return the element that moves from one tick to another."""
     if there == here:
         return ""
     kind = "forward" if there > here else "backup"
@@ -269,9 +269,9 @@ def _move(here: int, there: int) -> str:
 def _voice(
     measure: _Measure, voice: int, chords: Mapping[_Span, _Chord], first_voices: tuple[int, int]
 ) -> tuple[str, int]:
-    """Return the notes and rests of a voice, and the tick that they lead to.
+    """Write the notes and rests of a voice; return them and the final tick.
 
-    The first voice of a staff is filled with rests, those of the others are hidden.
+    Rests fill the first voice of a staff; other voices have hidden rests.
     """
     is_first, staff = voice in first_voices, 1 if voice < first_voices[1] else 2
     hidden = "" if is_first else ' print-object="no"'
@@ -316,7 +316,7 @@ def _placed(ticks: int, voice: int, staff: int, ties: Sequence[str] = ()) -> str
 
 
 def _packed(document: bytes) -> bytes:
-    """Return the document in its compressed form; the same document gives the same bytes."""
+    """Compress the document; equal documents give equal bytes."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in ((CONTAINER_NAME, _CONTAINER.encode()), (_FILE, document)):

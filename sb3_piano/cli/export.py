@@ -1,4 +1,4 @@
-"""``sb3-piano export RUN``: a run for others to play."""
+"""``sb3-piano export RUN``: export a run without pickles."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from sb3_piano.cli.common import (
 )
 
 RUN_OPTIONS = ("best", "episodes", "no_video", "push_to_hub")
-"""Options that are of runs alone."""
+"""Options for runs only."""
 
 
 def add_run_arguments(add: Callable[..., Any]) -> None:
     """Add the options of a run's export."""
-    add("--best", text="of a run: the best model by f1 or onset_f1, not the last one")
-    add("--episodes", "N", "that the card of a run tells of; default: 5", whole_number)
+    add("--best", text="of a run: use the best model by f1 or onset_f1 instead of the last")
+    add("--episodes", "N", "of a run: episodes for the model card; default: 5", whole_number)
     add("--no-video", text="of a run: without replay.mp4")
-    add("--push-to-hub", "REPO", "publish the folder as OWNER/NAME on the Hugging Face Hub, too")
+    add("--push-to-hub", "REPO", "also publish the folder as OWNER/NAME on the Hugging Face Hub")
 
 
 def export_run_folder(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""``sb3-piano pieces rank`` and ``fingering``: difficulty of pieces, labels beside our fingers."""
+"""``sb3-piano pieces rank`` and ``fingering``: difficulty of pieces, agreement of fingerings."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _Row = dict[str, Any]
 
 _NO_COLLECTION = "none"
-"""What stands for the collection of a file."""
+"""Collection of a piece from a file."""
 
 # Key of a row, heading, form.
 _SCORE_COLUMNS = (
@@ -56,25 +56,25 @@ _AGREEMENT = ("right", "left", "both", "hands")
 _RATES = ("general", "highest", "soft", "recombination")
 
 _MOTION_HELP = (
-    "recorded performances, which 'evaluate --motion' writes: files, or folders such as those of "
-    "runs; pieces without one are left out"
+    "use recorded motion in the ranking: files of 'evaluate --motion', or folders such as runs; "
+    "pieces without a recording are left out"
 )
 _LABELLED_HELP = (
-    "pieces and files with finger labels, or a folder of the PIG data set; default: all pieces "
-    "with labels that come with the package"
+    "pieces or files with finger labels, or a folder of the PIG data set; default: all built-in "
+    "pieces with labels"
 )
 
 
 def add_parser(commands: Any) -> None:
-    """Add both commands and their arguments."""
+    """Add the commands ``rank`` and ``fingering``."""
     add = add_command(commands, "rank", _rank, "rank pieces by difficulty, the easiest first")
-    about = "rank these names and files among themselves; default: all pieces"
+    about = "pieces to rank; default: all pieces"
     add("pieces", "NAME|FILE", about, nargs="*")
-    add("--collection", "NAME", "only the pieces of a collection, such as repertoire")
+    add("--collection", "NAME", "only pieces of this collection, such as repertoire")
     add("--motion", "PATH", _MOTION_HELP, Path, nargs="+")
     add("--csv")
     add("--no-progress")
-    about = "compare our fingering with finger labels, or with those of the PIG data"
+    about = "compare the computed fingering with finger labels of pieces or of the PIG data set"
     add = add_command(commands, "fingering", _fingering, about)
     add("pieces", "NAME|FILE", _LABELLED_HELP, nargs="*")
     add("--csv")
@@ -82,7 +82,7 @@ def add_parser(commands: Any) -> None:
 
 
 def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[str, Piece]:
-    """Return the pieces of a collection, of which there has to be one; all if none is named."""
+    """Return the pieces of a known collection; without a name, all pieces."""
     from sb3_piano.music.catalogue import of_collection
     from sb3_piano.settings import refuse_unknown
 
@@ -94,7 +94,7 @@ def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[s
 
 
 def piece_of(text: str, parts: Sequence[str] = ()) -> Piece:
-    """Return the piece of a name, or a file as one, which is read when its score is asked for."""
+    """Return a piece by name or file; a file is read when its score is needed."""
     from sb3_piano.music import Piece, find_piece, load_score
     from sb3_piano.music.catalogue import is_path
 
@@ -146,7 +146,7 @@ def _rank(arguments: argparse.Namespace) -> int:
 def _recorded(
     paths: Sequence[Path], pieces: Mapping[str, Piece], failures: list[str]
 ) -> dict[str, MotionFeatures]:
-    """Return what moved in the performances of each piece, as a mean over several."""
+    """Return the mean motion features of each piece's recorded performances."""
     from sb3_piano.music.difficulty import mean_motion
     from sb3_piano.viewing.take import Take
 
@@ -259,7 +259,7 @@ def _judge_folder(folder: str, arguments: argparse.Namespace, failures: list[str
 
 
 def _means(name: str, rows: Sequence[_Row]) -> _Row:
-    """Return the mean of each share over the rows that have one; counts are left empty."""
+    """Return the mean of each share over the rows that have it; counts stay empty."""
     means: _Row = {"piece": name}
     for key in [key for key in rows[0] if key != "piece"]:
         known = [row[key] for row in rows if row[key] is not None]

@@ -1,4 +1,4 @@
-"""``sb3-piano distill``: make a policy that plays any piece, or go on making one."""
+"""``sb3-piano distill``: train a policy for any piece, or resume its training."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from sb3_piano.lab.distillation.rounds import RoundResult
 
 _SET_HELP = (
-    "a setting in place of the file's, such as rounds.0.epochs=3, improvements=[] or "
-    "teacher.plan.passes=2; may be given several times"
+    "override a setting of the file, such as rounds.0.epochs=3, improvements=[] or "
+    "teacher.plan.passes=2; repeatable"
 )
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _distill, epilog=TRUST)
-    add("--out", "FOLDER", "a new or empty folder")
-    add("--config", text="settings; default: those that come with the package")
+    add("--out", "FOLDER", "output folder, new or empty")
+    add("--config", text="settings of the distillation; default: the package's file")
     add("--set", "NAME=VALUE", _SET_HELP, action="append")
-    add("--resume", "FOLDER", "go on with the distillation in this folder")
-    add("--workers", "N", "processes that play; default: one for each core", whole_number)
+    add("--resume", "FOLDER", "resume the distillation in this folder")
+    add("--workers", "N", "playing processes; default: one per core", whole_number)
     add("--num-threads")
     add("--no-progress")
 

@@ -1,4 +1,4 @@
-"""Algorithms and environments that configurations name by text."""
+"""Look up algorithms and environments by name."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _ALGORITHMS = {
 }
 
 ALGORITHMS = tuple(_ALGORITHMS)
-"""Names of the algorithms that are trained, as on the command line."""
+"""Names of the trainable algorithms, as on the command line."""
 
 PLANNERS = tuple(PLAYERS)
-"""Names of what plays without training."""
+"""Names of the players that need no training."""
 
 
 def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, str]:
-    """Return the module to import for an environment, if any, and its id.
+    """Return the module of an environment, if any, and its id.
 
-    The module, named in ``module:Id`` or by itself, is imported, and no other if that can be told.
+    The module, named in ``module:Id`` or separately, is imported.
     """
     named, _, name = env_id.rpartition(":")
     module = named or module
@@ -46,7 +46,7 @@ def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, s
         before, is_new = gym.registry.get(name), module not in sys.modules
         try:
             importlib.import_module(module)
-        except Exception as error:  # a module may fail in any way while it is imported
+        except Exception as error:  # importing a module may fail in any way
             raise ConfigError(
                 f"Module {module!r} of environment {name!r} cannot be imported: {error}."
             ) from error

@@ -91,7 +91,7 @@ def _report(result: Trained, last: str) -> None:
         print(f"Go on:    {go_on(result.folder)}")
         return
     if result.had_finished:
-        print("All stages had already ended. To train again, give another --run FOLDER.")
+        print("All stages had ended: nothing was left to do. Once more: with another --run FOLDER")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(last)}")
 
 

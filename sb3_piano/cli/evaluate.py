@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _MOST_FILES_LISTED = 5
 _REPETITION = (
-    "all episodes are equal: nothing is random, so one would suffice, and there is no interval."
+    "all episodes are the same: nothing is random, so one would do, and there is no interval."
 )
 _NOTHING = "-"
 _SHARES = {

@@ -349,7 +349,7 @@ def _print_list(rows: Mapping[str, str], text: str | None) -> int:
     shown = {name: is_ for name, is_ in rows.items() if (text or "").lower() in name.lower()}
     if not shown:
         return print_errors(
-            f"No name contains {text!r}: expected a part of one of {len(rows)} names."
+            f"Nothing has {text!r} in its name: expected a part of one of {len(rows)} names."
         )
     width = max(map(len, shown))
     for name, is_ in shown.items():

@@ -261,7 +261,7 @@ def _print_imported(report: ImportReport) -> None:
     if report.imported:
         print(f"Imported: {_names(report.imported)}")
     if report.present:
-        print(f"Imported before: {_names(report.present)}")
+        print(f"There already: {_names(report.present)}")
     if report.copies:
         print(f"Copies of other files: {report.copies}")
     if report.unusable:

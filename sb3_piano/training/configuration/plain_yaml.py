@@ -26,7 +26,7 @@ def read_yaml_mapping(path: Path) -> dict[str, Any]:
         raise ConfigError(f"'{path}' {error}") from error
     if not isinstance(content, dict):
         raise ConfigError(
-            f"'{path}' has a {type(content).__name__} at the top level: expected a mapping."
+            f"'{path}' holds {type(content).__name__} at the top level: expected a mapping."
         )
     return content
 

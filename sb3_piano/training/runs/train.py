@@ -150,8 +150,8 @@ def resume(
     run = RunFolder.open(folder)
     if run.weights_file.is_file():
         raise RunError(
-            f"Run '{run.path}' was exported, without the state that training needs to resume: "
-            "expected the original run."
+            f"Run '{run.path}' was exported to be played, without what training needs: expected "
+            "the original run."
         )
     with _owned(run):
         config = run.read_config()
@@ -343,7 +343,7 @@ def _owned(run: RunFolder) -> Iterator[None]:
             )
             raise RunError(
                 f"Run '{run.path}' cannot be written any more: {refusal}. {safe} When "
-                f"there is room, resume it: sb3-piano train --resume {shlex.quote(str(run.path))}"
+                f"there is room, go on with: sb3-piano train --resume {shlex.quote(str(run.path))}"
             ) from error
 
 

@@ -23,14 +23,14 @@ LINES = {
     "batch": 1_977,
     "buffers": 654,
     "callbacks": 2_774,
-    "cli": 3_293,
+    "cli": 3_287,
     "demonstrations": 1_502,
     "envs": 3_690,
     "hands": 1_105,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
-    "lab": 5_678,
+    "lab": 5_677,
     "metrics": 1_053,
     "music": 8_509,
     "pipelines": 1_198,
@@ -39,7 +39,7 @@ LINES = {
     "policies": 1_588,
     "reading": 578,
     "simulation": 983,
-    "training": 6_307,
+    "training": 6_290,
     "tuning": 1_303,
     "vec_env": 488,
     "viewing": 2_563,
@@ -54,8 +54,8 @@ LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_637, "modules": 335, "names": 227},
-    "lab": {"lines": 5_678, "modules": 43, "names": 23},
+    "core": {"lines": 49_614, "modules": 335, "names": 227},
+    "lab": {"lines": 5_677, "modules": 43, "names": 23},
     "tests": {"lines": 42_093},
 }
 

@@ -1,4 +1,4 @@
-"""The card of an exported run, in the Hugging Face Hub's format: YAML facts, then Markdown."""
+"""Model card of an exported run in the Hugging Face Hub's format."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _METRICS = {
     "onset_f1": "onset F1",
     "return": "return",
 }
-"""Metrics of the card and their names in it, as far as the environment has them."""
+"""Metrics of the card and their labels; missing ones are left out."""
 
 _HUB_TYPES = {"return": "mean_reward"}
-"""Types by which the Hub's leaderboards know a metric; others go by their own name."""
+"""Metric types of the Hub's leaderboards; other metrics use their own names."""
 
 
 def card_of(run: RunFolder, config: RunConfig, found: Evaluation) -> str:
-    """Return the card of a run that was evaluated."""
+    """Return the model card of an evaluated run as Markdown with YAML front matter."""
     shown = {name: label for name, label in _METRICS.items() if name in found.summary}
     front = dump_yaml(_front_matter(config, found, shown))
     onset = f" and onset F1 {found.mean['onset_f1']:.3f}" if "onset_f1" in shown else ""
@@ -80,7 +80,7 @@ FOLDER is this one. No file in it is a pickle, and `load_player` runs no code of
 
 
 def _markdown(text: str | None) -> str:
-    """Return text that stands for itself in Markdown, where HTML may stand as well."""
+    """Escape text for Markdown and HTML."""
     return re.sub(r"([\\`*_\[\]|~$])", r"\\\1", html.escape(printable(str(text)), quote=False))
 
 
@@ -154,7 +154,7 @@ def _who(config: RunConfig) -> str:
 
 
 def _steps(config: RunConfig, found: Evaluation) -> str:
-    """Return how long the model was trained, as a sentence, if it is one of a training."""
+    """Return a sentence with the steps of training; empty for an untrained model."""
     trained = found.num_timesteps
     return f" It was trained for {trained} environment steps." if trained else ""
 
@@ -184,11 +184,11 @@ def _training(run: RunFolder, config: RunConfig) -> str:
 
 
 def _short(command: str) -> str:
-    """Return a command line without the path of the interpreter that ran it."""
+    """Return a command line without the path of its interpreter."""
     command = printable(command).replace("```", "")
     try:
         words = shlex.split(command)
-    except ValueError:  # of a run from elsewhere
+    except ValueError:  # a command of another origin
         words = []
     for index, word in enumerate(words):
         if Path(word).name == "sb3-piano" or word in ("sb3_piano", "sb3_piano.cli"):

@@ -25,7 +25,7 @@ LINES = {
     "callbacks": 2_774,
     "cli": 3_287,
     "demonstrations": 1_502,
-    "envs": 3_690,
+    "envs": 3_693,
     "hands": 1_105,
     "hyperparams": 35,
     "interop": 236,
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_373
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_614, "modules": 335, "names": 227},
+    "core": {"lines": 49_617, "modules": 335, "names": 227},
     "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_093},
+    "tests": {"lines": 42_103},
 }
 
 

@@ -223,14 +223,14 @@ def check_output_file(option: str, file: Path | None) -> None:
         ) from error
 
 
-def tell_errors(*errors: object) -> int:
+def print_errors(*errors: object) -> int:
     """Print errors to standard error; return the exit status."""
     for error in errors:
         print(f"sb3-piano: error: {error}", file=sys.stderr)
     return EXIT_ERROR if errors else EXIT_OK
 
 
-def tell_interrupted(interrupted: bool, status: int = EXIT_OK, hint: str = ".") -> int:
+def print_interrupted(interrupted: bool, status: int = EXIT_OK, hint: str = ".") -> int:
     """Print a note if Ctrl-C ended the command; return the exit status."""
     if not interrupted:
         return status
@@ -315,7 +315,7 @@ def tracked(arguments: argparse.Namespace, text: str, items: Iterable[_Item]) ->
             yield item
 
 
-def of_each(
+def compute_each(
     items: Iterable[tuple[_Key, _Item]],
     compute: Callable[[_Item], _Found | None],
     failures: list[str],

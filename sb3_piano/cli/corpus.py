@@ -13,9 +13,9 @@ from sb3_piano.cli.common import (
     command,
     env_options,
     new_table,
+    print_interrupted,
     print_table,
     progress_bar,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.play import PLAYERS_HELP
@@ -74,7 +74,7 @@ def _corpus(arguments: argparse.Namespace) -> int:
             on_progress=lambda done, total: tell(completed=done, total=total),
         )
     if corpus is None:
-        return tell_interrupted(True, hint="; the same command resumes it.")
+        return print_interrupted(True, hint="; the same command resumes it.")
     _show(corpus)
     return EXIT_OK
 

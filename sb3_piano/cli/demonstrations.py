@@ -17,9 +17,9 @@ from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
     command,
+    print_interrupted,
     progress_bar,
     refuse_options,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.evaluate import evaluate_run
@@ -118,7 +118,7 @@ def _record(arguments: argparse.Namespace) -> int:
             on_episode=lambda notes: tell(advance=1),
         )
     _show(recorded)
-    return tell_interrupted(recorded.interrupted)
+    return print_interrupted(recorded.interrupted)
 
 
 @contextlib.contextmanager
@@ -201,8 +201,8 @@ def _clone(arguments: argparse.Namespace) -> int:
     from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
     from sb3_piano.training import clone
 
-    told = TextColumn("loss {task.fields[loss]:.2g}")
-    with progress_bar(arguments, "epochs", [told]) as tell:
+    loss = TextColumn("loss {task.fields[loss]:.2g}")
+    with progress_bar(arguments, "epochs", [loss]) as tell:
         tell(total=arguments.epochs, loss=float("nan"))
         result = clone(
             arguments.dataset,

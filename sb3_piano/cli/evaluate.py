@@ -16,11 +16,11 @@ from sb3_piano.cli.common import (
     adder,
     command,
     new_table,
+    print_errors,
+    print_interrupted,
     print_narrowness,
     print_table,
     progress_bar,
-    tell_errors,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.losses import HELP, print_losses
@@ -134,7 +134,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         if arguments.json is not None:
             found.write_json(arguments.json)
             print(f"Everything:  {arguments.json}")
-    return tell_interrupted(found.interrupted, tell_errors(*found.failures))
+    return print_interrupted(found.interrupted, print_errors(*found.failures))
 
 
 def _n_pieces(run: str) -> int:
@@ -206,7 +206,7 @@ def _show_losses(evaluations: Sequence[Evaluation]) -> None:
         if losses:
             print_losses(Losses.sum_of(losses))
         else:
-            print("It plays no piano: there are none.")
+            print("none, as its environment is no piano")
 
 
 def _list_files(evaluations: Sequence[Evaluation]) -> None:

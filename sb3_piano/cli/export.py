@@ -9,8 +9,8 @@ from typing import Any
 
 from sb3_piano.cli.common import (
     EXIT_OK,
+    print_errors,
     progress_bar,
-    tell_errors,
     whole_number,
 )
 
@@ -46,10 +46,10 @@ def export_run_folder(arguments: argparse.Namespace) -> int:
             progress=lambda done, total: tell(description="Video", completed=done, total=total),
         )
     print(f"Exported: {exported.path}")
-    print("          no file in it is a pickle; run.yml and README.md tell how it was trained")
+    print("          without pickles; run.yml and README.md describe the training")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(exported.path))}")
     if arguments.push_to_hub is not None:
         print(f"Hub:      {push_to_hub(exported, arguments.push_to_hub)}")
     if not arguments.no_video and not exported.video_file.is_file():
-        return tell_errors("There is no video: the run is of no piano, or nothing can draw here.")
+        return print_errors("There is no video: no piano environment, or no renderer here.")
     return EXIT_OK

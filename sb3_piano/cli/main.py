@@ -22,8 +22,8 @@ from sb3_piano.cli.common import (
     Paragraphs,
     check_output_file,
     command,
-    tell_errors,
-    tell_interrupted,
+    print_errors,
+    print_interrupted,
 )
 from sb3_piano.exceptions import (
     PlanWarning,
@@ -204,25 +204,25 @@ def _run(given: Sequence[str]) -> int:
         arguments = parser_of(given).parse_args(given)
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
-        with _warnings_told(), _threads_told(), ended_as_by_ctrl_c():
+        with _plain_warnings(), _quiet_threads(), ended_as_by_ctrl_c():
             status = int(arguments.command(arguments))
         sys.stdout.flush()  # here, so that its errors are caught below
         return status
     except SB3PianoError as error:
-        return tell_errors(error)
+        return print_errors(error)
     except KeyboardInterrupt:
-        return tell_interrupted(True)
+        return print_interrupted(True)
     except BrokenPipeError:  # the reader has ended, as in "sb3-piano evaluate RUN | head"
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's last flush
         return EXIT_ERROR
     except Exception as error:
-        told = _told(error)
-        if told is None:
+        message = _machine_error(error)
+        if message is None:
             raise
-        return tell_errors(told)
+        return print_errors(message)
 
 
-def _told(error: BaseException) -> str | None:
+def _machine_error(error: BaseException) -> str | None:
     """Return a message for a lack of disk, memory or rights; ``None`` for other errors."""
     from sb3_piano.files import disk_refusal, reading_refusal
 
@@ -248,7 +248,7 @@ def _open_streams() -> None:
 
 
 @contextlib.contextmanager
-def _threads_told() -> Iterator[None]:
+def _quiet_threads() -> Iterator[None]:
     """Hide tracebacks of threads that lack disk or memory.
 
     The command gets the same error: TensorBoard's writer raises it again.
@@ -256,7 +256,7 @@ def _threads_told() -> Iterator[None]:
     former = threading.excepthook
 
     def tell(arguments: threading.ExceptHookArgs) -> None:
-        if arguments.exc_value is None or _told(arguments.exc_value) is None:
+        if arguments.exc_value is None or _machine_error(arguments.exc_value) is None:
             former(arguments)
 
     threading.excepthook = tell
@@ -267,7 +267,7 @@ def _threads_told() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _warnings_told() -> Iterator[None]:
+def _plain_warnings() -> Iterator[None]:
     """Print each warning about a score or a plan once, in one line."""
     known: set[str] = set()
     with warnings.catch_warnings():
@@ -348,8 +348,8 @@ def _print_list(rows: Mapping[str, str], text: str | None) -> int:
     """Print the names that contain a text, with their descriptions."""
     shown = {name: is_ for name, is_ in rows.items() if (text or "").lower() in name.lower()}
     if not shown:
-        return tell_errors(
-            f"Nothing has {text!r} in its name: expected a part of one of {len(rows)}."
+        return print_errors(
+            f"Nothing has {text!r} in its name: expected a part of one of {len(rows)} names."
         )
     width = max(map(len, shown))
     for name, is_ in shown.items():

@@ -18,12 +18,12 @@ from sb3_piano.cli.common import (
     add_command,
     add_row,
     check_output_file,
+    compute_each,
     new_table,
-    of_each,
+    print_errors,
+    print_interrupted,
     print_table,
     progress_bar,
-    tell_errors,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.rank import in_collection, piece_of
@@ -112,7 +112,7 @@ def _list(arguments: argparse.Namespace) -> int:
     from sb3_piano.music.library.store import piece_features
 
     failures: list[str] = []
-    measured = of_each(pieces().items(), piece_features, failures)
+    measured = compute_each(pieces().items(), piece_features, failures)
     places = rank(measured)  # among all pieces, also those not listed
     rows = [
         {
@@ -129,7 +129,7 @@ def _list(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         write_json(arguments.json, {"pieces": rows})
         print(f"JSON:  {arguments.json}")
-    tell_errors(*failures)
+    print_errors(*failures)
     return EXIT_OK
 
 
@@ -153,7 +153,7 @@ def _show(arguments: argparse.Namespace) -> int:
 
     piece = piece_of(arguments.name, arguments.parts or ())
     score = piece.score()
-    _tell(piece, score)
+    _print_facts(piece, score)
     try:
         measured = asdict(piece_features(piece))
     except ScoreError as error:
@@ -178,7 +178,7 @@ def _short(name: str, value: Any) -> str:
     return f"{text} {_UNITS.get(name, '')}".rstrip()
 
 
-def _tell(piece: Piece, score: Score) -> None:
+def _print_facts(piece: Piece, score: Score) -> None:
     import gymnasium
 
     from sb3_piano.music.library import Library
@@ -246,18 +246,18 @@ def _import(arguments: argparse.Namespace) -> int:
             jobs=arguments.jobs,
             progress=lambda done, total: tell(completed=done, total=total),
         )
-    _tell_imported(report)
+    _print_imported(report)
     print(f"Library: {Library().folder}")
     status = EXIT_OK if report.imported or report.present else EXIT_ERROR
-    hint = "; the same command goes on with the rest."
-    return tell_interrupted(report.interrupted, status, hint)
+    hint = "; the same command imports the rest."
+    return print_interrupted(report.interrupted, status, hint)
 
 
-def _tell_imported(report: ImportReport) -> None:
+def _print_imported(report: ImportReport) -> None:
     for note in report.notes:
-        print(f"Note: {_told(note)}")
+        print(f"Note: {_reason(note)}")
     for unusable in report.unusable:
-        print(f"Not imported: {_told(unusable)}", file=sys.stderr)
+        print(f"Not imported: {_reason(unusable)}", file=sys.stderr)
     if report.imported:
         print(f"Imported: {_names(report.imported)}")
     if report.present:
@@ -268,7 +268,7 @@ def _tell_imported(report: ImportReport) -> None:
         print(f"Not imported: {len(report.unusable)}, as listed")
 
 
-def _told(file: Unusable) -> str:
+def _reason(file: Unusable) -> str:
     """Return the reason why a file is unusable, with its name once."""
     named = str(file.path) in file.reason
     return file.reason if named else f"{file.path}: {file.reason}"

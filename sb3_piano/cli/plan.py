@@ -11,7 +11,7 @@ from typing import Any
 
 from sb3_piano.cli.common import (
     command,
-    tell_interrupted,
+    print_interrupted,
     whole_number,
 )
 from sb3_piano.cli.play import SET_HELP, minutes, refine, stage_of
@@ -41,8 +41,8 @@ def _plan(arguments: argparse.Namespace) -> int:
 
     if os.path.isdir(arguments.what):
         raise ConfigError(
-            f"'{arguments.what}' is a folder: expected a piece or a file. A plan is a file now, "
-            "and 'sb3-piano plan PIECE --refine MINUTES --out FILE.npz' goes on with it."
+            f"'{arguments.what}' is a folder: expected a piece or a file. A plan is a file now; "
+            "'sb3-piano plan PIECE --refine MINUTES --out FILE.npz' refines it further."
         )
     stage = stage_of(arguments)
     start = time.monotonic()
@@ -59,4 +59,4 @@ def _plan(arguments: argparse.Namespace) -> int:
     print(f"Plan:        {file}")
     print(f"Watch:       sb3-piano play {what} --player planned:plan={path}")
     print(f"Refine it:   sb3-piano plan {what} --out {path} --refine MINUTES")
-    return tell_interrupted(interrupted, hint=": the best plan so far is kept.")
+    return print_interrupted(interrupted, hint=": the best plan so far is kept.")

@@ -18,9 +18,9 @@ from sb3_piano.cli.common import (
     check_output_file,
     command,
     env_options,
+    print_errors,
     progress_bar,
     refuse_options,
-    tell_errors,
     whole_number,
 )
 from sb3_piano.cli.losses import HELP as LOSSES_HELP
@@ -266,7 +266,7 @@ def _write(take: Take, folder: Path, picture: Picture | None, arguments: argpars
     if getattr(arguments, "report", False):
         take.save_report(folder / "report.html")
         print(f"Page:  {folder / 'report.html'}")
-    return tell_errors(*[f"There is no video. {p}" for p in (played.problem,) if p is not None])
+    return print_errors(*[f"There is no video. {p}" for p in (played.problem,) if p is not None])
 
 
 def _loudness(take: Take) -> str:

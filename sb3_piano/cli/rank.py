@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     add_command,
     add_row,
+    compute_each,
     new_table,
-    of_each,
+    print_errors,
     print_table,
-    tell_errors,
     tracked,
 )
 from sb3_piano.exceptions import ConfigError
@@ -121,7 +121,7 @@ def _rank(arguments: argparse.Namespace) -> int:
     motion = _recorded(arguments.motion, chosen, failures) if arguments.motion else None
     ranked = {name: piece for name, piece in chosen.items() if motion is None or name in motion}
     bar = tracked(arguments, "pieces", ranked.items())
-    found = of_each(bar, piece_features, failures, "Piece {name!r} was not ranked: {error}")
+    found = compute_each(bar, piece_features, failures, "Piece {name!r} was not ranked: {error}")
     rows = [
         {
             "piece": name,
@@ -140,7 +140,7 @@ def _rank(arguments: argparse.Namespace) -> int:
     if len(ranked) < len(chosen):
         print(f"{len(chosen) - len(ranked)} of {len(chosen)} pieces have no recorded performance.")
     _write(arguments.csv, list(rows[0]) if rows else ["piece"], rows)
-    return tell_errors(*failures)
+    return print_errors(*failures)
 
 
 def _recorded(
@@ -156,7 +156,7 @@ def _recorded(
     }
     found: dict[str, list[MotionFeatures]] = defaultdict(list)
     files = ((path, path) for path in _motion_files(paths))
-    for recording in of_each(files, Take.read, failures).values():
+    for recording in compute_each(files, Take.read, failures).values():
         name = recording.title if recording.title in pieces else by_title.get(recording.title)
         if name is not None and recording.motion is not None:
             found[name].append(recording.motion.features())
@@ -201,7 +201,7 @@ def _fingering(arguments: argparse.Namespace) -> int:
         _judge_folder(folders[0], arguments, failures)
     else:
         _judge_pieces(arguments, failures)
-    return tell_errors(*failures)
+    return print_errors(*failures)
 
 
 def _judge_pieces(arguments: argparse.Namespace, failures: list[str]) -> None:
@@ -221,7 +221,7 @@ def _judge_pieces(arguments: argparse.Namespace, failures: list[str]) -> None:
 
     pieces = {piece.name: piece for piece in named or BUILT_IN.values()}
     bar = tracked(arguments, "fingering", pieces.items())
-    found = of_each(bar, judged, failures, "Piece {name!r} was not compared: {error}")
+    found = compute_each(bar, judged, failures, "Piece {name!r} was not compared: {error}")
     rows = [row(name, agreement) for name, agreement in found.items()]
     if rows:
         counts: dict[str, Any] = {
@@ -240,7 +240,7 @@ def _judge_folder(folder: str, arguments: argparse.Namespace, failures: list[str
     from sb3_piano.music.formats.pig import read_pig
 
     def judged(paths: Sequence[Path]) -> _Row | None:
-        annotations = of_each(((path, path) for path in paths), read_pig, failures)
+        annotations = compute_each(((path, path) for path in paths), read_pig, failures)
         if not annotations:
             return None
         rates = judge_annotated(list(annotations.values()))
@@ -248,7 +248,7 @@ def _judge_folder(folder: str, arguments: argparse.Namespace, failures: list[str
         return {"annotators": len(annotations), "notes": rates.notes, **shares}
 
     bar = tracked(arguments, "fingering", pig_files(folder).items())
-    found = of_each(bar, judged, failures, "Piece {name} was not compared: {error}")
+    found = compute_each(bar, judged, failures, "Piece {name} was not compared: {error}")
     rows = [{"piece": number, **row} for number, row in found.items()]
     columns = ("piece", "annotators", "notes", *_RATES)
     if rows:

@@ -13,10 +13,10 @@ from sb3_piano.cli.common import (
     add_row,
     command,
     new_table,
+    print_errors,
+    print_interrupted,
     print_table,
     progress_bar,
-    tell_errors,
-    tell_interrupted,
     whole_number,
 )
 
@@ -57,7 +57,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
         return EXIT_OK
     with progress_bar(arguments, "runs") as tell:
 
-        def told(outcome: Outcome, done: int, total: int) -> None:
+        def report(outcome: Outcome, done: int, total: int) -> None:
             tell(completed=done, total=total)
             print(f"[{done}/{total}] {_called(outcome)}: {outcome.state}", flush=True)
 
@@ -66,15 +66,15 @@ def _sweep(arguments: argparse.Namespace) -> int:
             folder,
             workers=arguments.workers,
             ray=arguments.ray,
-            on_result=told,
+            on_result=report,
         )
     _show(result.runs)
     print(f"Results:  {result.folder / 'results.csv'}")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(folder))}/*/seed_*")
     if result.interrupted:
-        return tell_interrupted(True, hint=": the same command resumes it.")
+        return print_interrupted(True, hint=": the same command resumes it.")
     failed = (f"{_called(run)}: {run.reason}" for run in result.runs if run.error is not None)
-    return tell_errors(*failed)
+    return print_errors(*failed)
 
 
 def _called(run: Outcome) -> str:

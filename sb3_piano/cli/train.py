@@ -145,7 +145,7 @@ def _report_training(result: TrainResult) -> None:
     if result.had_finished:
         print(
             f"The run has done {result.num_timesteps} of {result.n_timesteps} steps: nothing is "
-            f"left to do. To go on: sb3-piano train --resume {path} --steps N"
+            f"left to do. To continue: sb3-piano train --resume {path} --steps N"
         )
     elif result.interrupted:
         print(f"Interrupted after {result.num_timesteps} of {result.n_timesteps} steps.")
@@ -157,6 +157,6 @@ def _report_training(result: TrainResult) -> None:
     if folder.tensorboard_dir.is_dir():
         print(f"TensorBoard: tensorboard --logdir {shlex.quote(str(folder.tensorboard_dir))}")
     if result.interrupted:
-        print(f"Go on:       sb3-piano train --resume {path}")
+        print(f"Resume:      sb3-piano train --resume {path}")
     else:
         print(f"Evaluate:    sb3-piano evaluate {path}")

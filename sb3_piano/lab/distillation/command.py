@@ -12,9 +12,9 @@ from sb3_piano.cli.common import (
     TRUST,
     command,
     env_options,
+    print_interrupted,
     progress_bar,
     refuse_options,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.exceptions import ConfigError
@@ -81,17 +81,16 @@ def _tell_round(result: RoundResult) -> None:
         print(f"  {len(result.skipped)} excerpts were left out, such as number {number}: {why}")
     unplayed = [title for title, metrics in result.pieces.items() if metrics is None]
     if unplayed:
-        print(f"  Could not be played to judge by: {', '.join(unplayed)}")
+        print(f"  Unplayable evaluation pieces: {', '.join(unplayed)}")
 
 
 def _report(result: DistillResult) -> int:
-    from sb3_piano.lab.distillation.distill import go_on
+    from sb3_piano.lab.distillation.distill import resume_command
 
-    folder = shlex.quote(str(result.folder))
     print(f"Folder:      {result.folder}")
     if result.weights is not None:
         print(f"Weights:     {result.weights}")
-        print(f"Play:        sb3-piano play PIECE --player sight-reader --weights {folder}")
+        print(f"Play:        sb3-piano play PIECE --player {shlex.quote(str(result.weights))}")
     if result.interrupted:
-        print(f"Go on:       {go_on(result.folder)}")
-    return tell_interrupted(result.interrupted, EXIT_OK)
+        print(f"Resume:      {resume_command(result.folder)}")
+    return print_interrupted(result.interrupted, EXIT_OK)

@@ -110,8 +110,8 @@ class EnvSpec:
             )
         if len(self.pieces) > 1 and self.options.get("observation") == "window":
             raise ConfigError(
-                f"{len(self.pieces)} pieces are given with observation 'window', which is as wide "
-                "as a piece: expected 'roll', or another that is the same for all."
+                f"{len(self.pieces)} pieces are given with observation 'window', whose size varies "
+                "by piece: expected 'roll', or another of fixed size."
             )
 
     def to_mapping(self) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, s
             ) from error
         if is_new and before is not None and gym.registry.get(name) is before:
             raise ConfigError(
-                f"Module {module!r} does not register environment {name!r}, which is there without "
+                f"Module {module!r} does not register environment {name!r}, which exists without "
                 "it: expected no module, or the one that registers it."
             )
     if name not in gym.registry:
@@ -70,8 +70,8 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     """Return the stock class of an algorithm."""
     if name in PLANNERS:
         raise ConfigError(
-            f"Algorithm {name!r} is not trained, it plays at once: expected 'sb3-piano plan', "
-            f"which makes a run of it, or one of {', '.join(ALGORITHMS)}."
+            f"Algorithm {name!r} is not trained, it plays at once: expected 'sb3-piano play PIECE "
+            f"--player {name}', or one of {', '.join(ALGORITHMS)}."
         )
     refuse_unknown([name], ALGORITHMS, "algorithm")
     found: type[BaseAlgorithm] = import_name(_ALGORITHMS[name])

@@ -54,8 +54,8 @@ def overlaid(path: str | os.PathLike[str], env_id: str, over: Mapping[str, Any])
     """
     if path in NAMED:
         raise ConfigError(
-            f"The preset {str(path)!r} is for training from scratch, and a correction has its own "
-            "preset: expected a YAML file with changes, or none."
+            f"The preset {str(path)!r} is for a training from nothing, and a correction has its "
+            "own preset: expected a YAML file with changes, or none."
         )
     entry_name, entry = _entry_of(Path(path), registered_id(env_id)[1])
     try:

@@ -326,7 +326,7 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
     if not runs:
         raise RunError(
             f"'{path}' is no run and holds none: expected a folder that 'sb3-piano train' made, or "
-            "one in which such folders are, such as that of a sweep."
+            "a folder of such runs, such as a sweep."
         )
     files = [run.evaluation_dir / "metrics.json" for run in runs]
     for run, file in zip(runs, files, strict=True):

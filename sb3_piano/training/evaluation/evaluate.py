@@ -85,7 +85,7 @@ def evaluate(
         player,
         _checked(seed, episodes),
         score,
-        go_on=False,
+        keep_going=False,
         env=env,
         physics=physics,
         best=best,
@@ -132,7 +132,7 @@ def evaluate_runs(
                 run,
                 seeds,
                 piece,
-                go_on=True,
+                keep_going=True,
                 env=env,
                 physics=physics,
                 best=best,
@@ -209,7 +209,7 @@ def _evaluated(
     seeds: Sequence[int],
     score: Score | str | os.PathLike[str] | None,
     *,
-    go_on: bool,
+    keep_going: bool,
     env: EnvSpec | None,
     physics: str | None,
     best: str | None,
@@ -219,7 +219,7 @@ def _evaluated(
 ) -> tuple[Evaluation, list[_Error]]:
     """Evaluate a run on all its pieces, or on a given one; also return the errors.
 
-    ``go_on`` continues after an error; if all pieces fail, the first error is raised. The other
+    ``keep_going`` continues after errors; if all pieces fail, the first error is raised. Other
     arguments are as for :func:`evaluate`.
     """
     player = who if isinstance(who, PlayerSpec) else PlayerSpec.parse(who)
@@ -248,7 +248,7 @@ def _evaluated(
                     _try_out(run.evaluation_dir)  # before the work of playing
                 return play_piece(opened, episodes, seeds, motion, on_episode)
         except Exception as error:
-            if not go_on:
+            if not keep_going:
                 raise
             errors.append((name, error))
             return None
@@ -257,10 +257,10 @@ def _evaluated(
     if not played:
         raise errors[0][1]
     if run is None or not alone or errors:
-        return _whole([found for found, _ in played], len(tasks), interrupted), errors
+        return _combined([found for found, _ in played], len(tasks), interrupted), errors
     with _writing_in(run.evaluation_dir):
         file = run.evaluation_dir / "metrics.json"
-        whole = _whole(_with_files(played, file), len(tasks), interrupted)
+        whole = _combined(_with_files(played, file), len(tasks), interrupted)
         write_json(file, whole.to_json())
     return whole, errors
 
@@ -296,13 +296,13 @@ def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:
         if several.count(seed) > 1:
             raise ConfigError(
                 f"seed {seed} is given {several.count(seed)} times: expected each seed once, as "
-                "its episodes would only be counted again."
+                "its episodes would be counted twice."
             )
     checked("episodes", episodes, Count)
     return several
 
 
-def _whole(found: Sequence[Evaluation], n_pieces: int, interrupted: bool) -> Evaluation:
+def _combined(found: Sequence[Evaluation], n_pieces: int, interrupted: bool) -> Evaluation:
     """Combine a run's evaluations of single pieces."""
     if n_pieces == 1:
         return dataclasses.replace(found[0], interrupted=interrupted)

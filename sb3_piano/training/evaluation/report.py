@@ -136,8 +136,7 @@ def _writing(path: Path, *, own_folder: bool) -> Iterator[None]:
         yield
     except OSError as error:
         raise RunError(
-            f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
-            "there."
+            f"'{path}' cannot be written: {error.strerror}. Expected a file in an existing folder."
         ) from error
 
 

@@ -81,8 +81,7 @@ def player_written(
         with OpenPlayer.open(os.fspath(run), best=best) as player:
             if player.run is None:
                 raise RunError(
-                    f"{player.named} was not trained, and is named by that text everywhere: "
-                    "expected a run to be exported."
+                    f"{player.named} was not trained, and needs no export: expected a trained run."
                 )
             config = player.run.read_config()
             written = made.enter_context(RunFolder.making(config, folder))

@@ -146,7 +146,7 @@ def _check_same_observations(config: RunConfig, venv: VecEnv) -> None:
             continue
         venv.close()
         raise ConfigError(
-            f"With the piece {piece!r} {found}: expected wrappers that do not go by the piece."
+            f"With the piece {piece!r} {found}: expected wrappers that do not depend on the piece."
         )
 
 

@@ -61,7 +61,7 @@ def load_fine_tuning(
     if env_id is None and base is None:
         raise ConfigError(
             f"Nothing to play with '{player}': expected the id of an environment (--env) or a "
-            "piece (--midi); only a run that is corrected brings its own."
+            "piece (--midi); only a corrected run has its own."
         )
     played = base.env.full_id if base is not None and env_id is None else str(env_id)
     settings = overrides if path is None else overlaid(path, played, overrides)

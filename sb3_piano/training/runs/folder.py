@@ -174,7 +174,7 @@ class RunFolder:
         return hold(
             self.path / LOCK_SUFFIX,
             f"Run '{self.path}' is being trained",
-            "one training in a folder. Wait for its end or stop it; then go on with: sb3-piano "
+            "one training per folder. Wait for its end or stop it; to resume it: sb3-piano "
             f"train --resume {shlex.quote(str(self.path))}",
         )
 
@@ -223,8 +223,8 @@ class RunFolder:
         if not os.path.isfile(self.weights_file):
             raise RunError(
                 f"'{self.path}' has no {self.weights_file.name}, and its model could only be "
-                "unpickled: expected a folder that 'sb3-piano export' wrote. Of people whom "
-                "you trust, OpenPlayer.open and the commands load any run."
+                "unpickled: expected a folder that 'sb3-piano export' wrote. OpenPlayer.open and "
+                "the commands load any run; use them for people you trust."
             )
         base = config.env.base
         if base is not None:
@@ -418,7 +418,7 @@ def _resuming(run: RunFolder) -> str:
         algo = read_yaml_mapping(run.config_file).get("algo")
     if algo in PLANNERS or os.path.exists(run.weights_file):
         return ""
-    return f" To go on with that run: sb3-piano train --resume {path}"
+    return f" To resume that run: sb3-piano train --resume {path}"
 
 
 def _check_empty(path: Path) -> None:

@@ -76,8 +76,8 @@ def model_files(
     if is_pair and saved is None:
         raise RunError(
             f"'{model}' and '{statistics.name}' beside it were saved after different numbers of "
-            "steps, as a process leaves them that is killed in between: expected files of one "
-            "checkpoint. Training on writes both anew."
+            "steps, as after a killed process: expected files of one checkpoint. Resuming the "
+            "training writes both again."
         )
     if best is not None:
         known = run.best_metrics()
@@ -91,7 +91,7 @@ def model_files(
         raise RunError(
             f"Run '{run.path}' has no model: expected {run.model_file.name}"
             f"{f' and {run.statistics_file.name}' if normalizes else ''}, written with the first "
-            "checkpoint. To go on with it: sb3-piano train --resume "
+            "checkpoint. To resume it: sb3-piano train --resume "
             f"{shlex.quote(str(run.path))}"
         )
     pickled = saved.vec_normalize

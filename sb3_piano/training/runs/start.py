@@ -125,8 +125,8 @@ class StartFromRun(BaseCallback):
         """Copy networks, optimizers, entropy coefficient and statistics."""
         if run.weights_file.is_file():
             raise RunError(
-                f"Run '{run.path}' was exported to be played, without optimizers and critics' "
-                "states: expected the run that it was made of."
+                f"Run '{run.path}' was exported to be played, without the states of optimizers "
+                "and critics: expected the original run."
             )
         file, statistics = model_files(run, config)
         off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)

@@ -150,8 +150,8 @@ def resume(
     run = RunFolder.open(folder)
     if run.weights_file.is_file():
         raise RunError(
-            f"Run '{run.path}' was exported to be played, without what training needs to go on: "
-            "expected the run that it was made of."
+            f"Run '{run.path}' was exported to be played, without what training needs: expected "
+            "the original run."
         )
     with _owned(run):
         config = run.read_config()

@@ -87,7 +87,7 @@ def _measure(arguments: argparse.Namespace) -> int:
         if arguments.seeds.count(seed) > 1:
             raise ConfigError(
                 f"Seed {seed} is given {arguments.seeds.count(seed)} times: expected each seed "
-                "once, as its episode would only be counted again."
+                "once, as its episode would be counted twice."
             )
     physics, file = physics_named(arguments.physics), arguments.out or Path("results.json")
     check_output_file("--out", file)

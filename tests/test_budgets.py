@@ -23,13 +23,13 @@ LINES = {
     "batch": 1_965,
     "buffers": 654,
     "callbacks": 2_774,
-    "cli": 3_301,
+    "cli": 3_295,
     "demonstrations": 1_499,
     "envs": 3_287,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 962,
-    "lab": 5_682,
+    "lab": 5_681,
     "metrics": 960,
     "music": 8_510,
     "pipelines": 1_358,
@@ -38,7 +38,7 @@ LINES = {
     "policies": 1_579,
     "reading": 913,
     "simulation": 1_102,
-    "training": 6_274,
+    "training": 6_257,
     "tuning": 1_391,
     "vec_env": 488,
     "viewing": 2_597,
@@ -53,8 +53,8 @@ LONG_WORK_LINES = 3_711
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 48_741, "modules": 329, "names": 221},
-    "lab": {"lines": 5_682, "modules": 43, "names": 23},
+    "core": {"lines": 48_718, "modules": 329, "names": 221},
+    "lab": {"lines": 5_681, "modules": 43, "names": 23},
     "tests": {"lines": 42_542},
 }
 

@@ -107,7 +107,7 @@ def improve(
 def _set_in(
     file: Path, plugins: tuple[Plugin, ...], kind: type, kwargs: dict[str, Any]
 ) -> tuple[Plugin, ...]:
-    """Return plugins with changed arguments for those of class ``kind``, which must exist."""
+    """Return plugins; the plugin of class ``kind``, which must exist, gets changed arguments."""
     if not any(plugin.is_a(kind) for plugin in plugins):
         raise ConfigError(
             f"An improvement's config is '{file}', which has no {kind.__name__}: expected it "

@@ -59,7 +59,7 @@ def parse_plugins(value: Any, key: str, base: type) -> tuple[Plugin, ...]:
 
 
 def with_arguments(plugins: Iterable[Plugin], kind: type, **arguments: Any) -> tuple[Plugin, ...]:
-    """Return plugins with changed arguments for those of class ``kind``."""
+    """Return plugins; plugins of class ``kind`` get changed arguments."""
     return tuple(
         dataclasses.replace(p, kwargs={**p.kwargs, **arguments}) if p.is_a(kind) else p
         for p in plugins

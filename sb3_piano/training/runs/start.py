@@ -94,7 +94,7 @@ class StartFromRun(BaseCallback):
             self._take_over(run, config)
             if self._with_buffer:
                 self._take_buffer(run)
-            _log.info("Networks and optimizers are those of run '%s'.", run.path)
+            _log.info("Loaded networks and optimizers of run '%s'.", run.path)
         if isinstance(self.model, OffPolicyAlgorithm):
             self.model.learning_starts = 0
 

@@ -61,7 +61,7 @@ class BatchedPiano:
 
     Args:
         num_envs: Number of worlds, N.
-        score: One score for all worlds, or several, of which each world plays one.
+        score: One score for all worlds, or several; each world plays one.
         backend: "cpu" for MuJoCo's own threads, "warp" for MuJoCo Warp.
         device: Device of Warp: by default "cuda" if available, else "cpu".
         n_threads: Threads on the CPU; by default one for each usable core.

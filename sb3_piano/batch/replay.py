@@ -25,7 +25,7 @@ class DeviceReplayBuffer(ReplayBuffer):
     It samples, gathers and normalises on the device: batches of thousands take a tenth of a
     millisecond instead of several. Use ``SAC(..., replay_buffer_class=DeviceReplayBuffer)``.
 
-    Args and errors are those of ``ReplayBuffer``; torch's random generator replaces NumPy's.
+    Arguments and errors are as in ``ReplayBuffer``; torch's random generator replaces NumPy's.
     """
 
     def __init__(

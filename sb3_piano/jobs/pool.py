@@ -63,8 +63,8 @@ def open_executor(
     checked("workers", workers, Count | None)
     if workers is not None and ray is not None:
         raise ConfigError(
-            f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run "
-            "at once on a cluster follows from what each of them needs."
+            f"workers is {workers} with ray {ray!r}: expected one of them. On a cluster, the "
+            "resources of the jobs decide how many run at once."
         )
     executor: _Pool | RayExecutor
     executor = _Pool(workers or usable_cores()) if ray is None else RayExecutor(ray, resources)

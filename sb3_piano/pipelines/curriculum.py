@@ -83,7 +83,7 @@ def run_curriculum(
         job.begin()
     check_fit(curriculum, begun)
     busy = f"The curriculum in '{place}' is being trained"
-    expected = "one process in a folder. Wait for its end or stop it; then go on with: "
+    expected = "one process in a folder. Wait for its end or stop it; then resume with: "
     with hold(place / LOCK_SUFFIX, busy, expected + go_on(place)):
         try:
             write_yaml(place / CURRICULUM_FILE, curriculum.to_mapping())
@@ -134,7 +134,7 @@ def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
     if place.is_dir() and not (file.is_file() or is_empty(place)):
         raise RunError(
             f"Folder '{place}' is not empty, and holds no curriculum: expected a new or empty "
-            "folder, or that of a curriculum."
+            "folder, or a curriculum's."
         )
     begun = sorted(path.name for path in place.glob("*_*") if RunFolder(path).has_begun)
     for name in begun:

@@ -155,7 +155,7 @@ _OF_STAGES = tuple(f.name for f in dataclasses.fields(Stage) if f.name != "setti
 
 @settings
 class Curriculum:
-    """A curriculum: stages, each of which starts from the previous one's model."""
+    """A curriculum: each stage starts from the previous one's model."""
 
     algo: str
     """Name of the algorithm, one of :data:`~sb3_piano.training.configuration.names.ALGORITHMS`."""

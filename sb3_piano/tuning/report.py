@@ -41,7 +41,7 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
             f"{config.value_name} {best.value}, from the seeds {list(config.seeds)}.",
             *_CAVEAT,
             *commands_of(study, config, folder).values(),
-            "n_timesteps is that of the trials; to train longer: --steps N, in RL Zoo -n N.",
+            "n_timesteps is the trials' value; to train longer: --steps N, in RL Zoo -n N.",
         ]
         entry = with_settings(config.entry, config.space.settings(best.params))
         write_entry(folder.best_file, config.algo, config.env_id, entry, comment)

@@ -33,7 +33,7 @@ LINES = {
     "lab": 5_677,
     "metrics": 1_053,
     "music": 8_509,
-    "pipelines": 1_198,
+    "pipelines": 1_196,
     "planning": 2_721,
     "players": 2_163,
     "policies": 1_588,
@@ -50,11 +50,11 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_373
+LONG_WORK_LINES = 3_371
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_617, "modules": 335, "names": 227},
+    "core": {"lines": 49_615, "modules": 335, "names": 227},
     "lab": {"lines": 5_677, "modules": 43, "names": 23},
     "tests": {"lines": 42_101},
 }

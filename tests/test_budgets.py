@@ -23,7 +23,7 @@ LINES = {
     "batch": 1_977,
     "buffers": 654,
     "callbacks": 2_774,
-    "cli": 3_287,
+    "cli": 3_310,
     "demonstrations": 1_502,
     "envs": 3_693,
     "hands": 1_105,
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_371
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_615, "modules": 335, "names": 227},
+    "core": {"lines": 49_638, "modules": 335, "names": 227},
     "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_101},
+    "tests": {"lines": 42_107},
 }
 
 

@@ -15,13 +15,14 @@ from sb3_piano.cli.common import (
     new_table,
     print_errors,
     print_interrupted,
+    print_narrowness,
     print_table,
     progress_bar,
     whole_number,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from sb3_piano.jobs import Outcome
 
@@ -82,10 +83,32 @@ def _called(run: Outcome) -> str:
 
 
 def _show(runs: Sequence[Outcome]) -> None:
+    """Print a row for each run, and the means of cells with several seeds."""
     table = new_table("cell", "seed", "state", "F1", "onset F1", "return", left=1)
+    cells: dict[str, list[Mapping[str, float]]] = {}
     for run in runs:
         metrics = (run.result or {}).get("metrics", {})
         numbers = [f"{metrics[m]:.3f}" if m in metrics else "" for m in _METRICS]
         cell, _, seed = run.job.name.rpartition("/seed_")
         add_row(table, cell, seed, run.state, *numbers)
+        cells.setdefault(cell, []).extend([metrics] if metrics else [])
+    several = {cell: found for cell, found in cells.items() if len(found) > 1}
+    if several:
+        table.add_section()
+    for cell, found in several.items():
+        add_row(table, cell, f"all {len(found)}", "mean", *(_mean(found, m) for m in _METRICS))
     print_table(table)
+    if several:
+        print_narrowness(min(map(len, several.values())))
+
+
+def _mean(found: Sequence[Mapping[str, float]], metric: str) -> str:
+    """Return the mean of a metric over seeds, and its 95 % interval below it."""
+    from sb3_piano.training.evaluation.statistics import summarize
+
+    values = [metrics[metric] for metrics in found if metric in metrics]
+    if not values:
+        return ""
+    summary = summarize(values)
+    ends = "" if summary.interval is None else "\n{:.3f}..{:.3f}".format(*summary.interval)
+    return f"{summary.mean:.3f}{ends}"

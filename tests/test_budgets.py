@@ -23,23 +23,23 @@ LINES = {
     "batch": 1_977,
     "buffers": 654,
     "callbacks": 2_774,
-    "cli": 3_293,
+    "cli": 3_310,
     "demonstrations": 1_502,
-    "envs": 3_687,
+    "envs": 3_690,
     "hands": 1_104,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
-    "lab": 5_678,
+    "lab": 5_677,
     "metrics": 1_053,
     "music": 8_509,
-    "pipelines": 1_198,
+    "pipelines": 1_196,
     "planning": 2_720,
     "players": 2_161,
     "policies": 1_588,
     "reading": 578,
     "simulation": 979,
-    "training": 6_307,
+    "training": 6_290,
     "tuning": 1_303,
     "vec_env": 488,
     "viewing": 2_563,
@@ -50,13 +50,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_373
+LONG_WORK_LINES = 3_371
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_628, "modules": 335, "names": 227},
-    "lab": {"lines": 5_678, "modules": 43, "names": 23},
-    "tests": {"lines": 42_091},
+    "core": {"lines": 49_627, "modules": 335, "names": 227},
+    "lab": {"lines": 5_677, "modules": 43, "names": 23},
+    "tests": {"lines": 42_107},
 }
 
 

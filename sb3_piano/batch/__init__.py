@@ -1,4 +1,4 @@
-"""Many pianos as one batch of tensors, on MuJoCo's own threads or on a GPU."""
+"""Batched pianos: tensors for many environments, on MuJoCo's own threads or on a GPU."""
 
 from sb3_piano.batch.environment import BatchedPiano, BatchStep
 from sb3_piano.batch.replay import DeviceReplayBuffer

@@ -1,4 +1,4 @@
-"""Worlds on the threads of MuJoCo itself, number by number those of a single environment."""
+"""Worlds on MuJoCo's own threads, numerically equal to single environments."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _BROKEN = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjW
 
 
 class CpuWorlds(Worlds):
-    """Worlds on ``mujoco.batch``, which works on threads below Python.
+    """Worlds of ``mujoco.batch``, which steps them on threads outside Python.
 
     Args:
-        scene: What is simulated.
-        count: How many worlds there are.
+        scene: Scene to simulate.
+        count: Number of worlds.
         n_substeps: Physics steps in a control step.
-        n_threads: Threads to use, the calling one included; by default one for each usable core.
+        n_threads: Threads, including the calling one; by default one for each usable core.
 
     Raises:
-        ConfigError: If ``n_threads`` is not valid, or this MuJoCo has no batches.
+        ConfigError: If ``n_threads`` is not valid, or this MuJoCo has no ``mujoco.batch``.
     """
 
     def __init__(
@@ -55,14 +55,14 @@ class CpuWorlds(Worlds):
         self.actuator_force = self._view("actuator_force")
         self.actuator_velocity = self._view("actuator_velocity")
         self._ctrl = self._batch.bind("ctrl")
-        self._warnings = self._batch.warning[:, _BROKEN, 1]  # how often
+        self._warnings = self._batch.warning[:, _BROKEN, 1]  # counts
         self._data = mujoco.MjData(model)
-        # Of each key: two numbers, when it was looked at, its angles then.
+        # For each key: two numbers, the sample times, the angles at these.
         history = torch.from_numpy(self._batch.bind("history"))
         self._noted = history.view(count, len(scene.key_qpos), -1)[:, :, -n_substeps:]
 
     def _view(self, name: str) -> Tensor:
-        with warnings.catch_warnings():  # what MuJoCo computes must not be written to
+        with warnings.catch_warnings():  # the arrays of MuJoCo's results are read-only
             warnings.simplefilter("ignore", UserWarning)
             return torch.from_numpy(self._batch.bind(name))
 
@@ -84,7 +84,7 @@ class CpuWorlds(Worlds):
 
     @functools.cached_property
     def geom_xmat(self) -> Tensor:
-        """(N, ngeom, 9) axes of all shapes, which are copied from the first time on."""
+        """(N, ngeom, 9) axes of all shapes, copied in each step after the first access."""
         return self._view("geom_xmat").view(self.count, -1, 9)
 
     def key_angles(self, worlds: Tensor | slice) -> Tensor:
@@ -100,16 +100,16 @@ class CpuWorlds(Worlds):
         (right, *_), (left, *_) = self.scene.forearm_geoms
         apart = (self.geom_xpos[:, right, 1] - self.geom_xpos[:, left, 1]).abs()
         touching = apart <= self.scene.forearm_reach
-        for world in touching.nonzero().flatten().tolist():  # only there contacts are asked for
+        for world in touching.nonzero().flatten().tolist():  # only these can touch
             self._batch.get_data(world, self._data)
             touching[world] = self.scene.forearms_touch(self._data)
         return touching
 
 
 def _with_noted_keys(scene: PianoScene, n_substeps: int) -> mujoco.MjModel:
-    """Return the model of a scene that notes the keys' angles before each physics step.
+    """Return the model of a scene with sensors for the keys' angles before each physics step.
 
-    So that a whole control step is one call: two calls would look for all contacts once more.
+    With them a control step is one call: two calls would compute all contacts once more.
     """
     parts = scene_parts(**scene.options)
     _, keyboard, *_ = parts

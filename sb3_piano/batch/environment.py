@@ -1,4 +1,4 @@
-"""Many pianos at once: tensors in, tensors out."""
+"""Batched piano environment: many worlds, with tensors as inputs and outputs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sb3_piano.settings import Count, checked
 from sb3_piano.wrappers import HandActions, HandReward, ScoreWrapper
 
 Backend = Literal["cpu", "warp"]
-"""What simulates: MuJoCo's own threads, or MuJoCo Warp."""
+"""Physics: MuJoCo's own threads, or MuJoCo Warp."""
 
 Wrapper = Callable[[Any], gym.Env[Any, Any]]
 
@@ -35,7 +35,7 @@ _KNOWN = (ScoreWrapper, HandActions, HandReward, TimeLimit, OrderEnforcing, Pass
 
 
 class BatchStep(NamedTuple):
-    """What a control step gives: N rows each."""
+    """Result of a control step, N rows each."""
 
     observation: Tensor
     """(N, n) float32."""
@@ -48,32 +48,32 @@ class BatchStep(NamedTuple):
 
 
 class BatchedPiano:
-    """N :class:`~sb3_piano.envs.PianoEnv` as one batch of tensors.
+    """Batch of N :class:`~sb3_piano.envs.PianoEnv` on tensors.
 
-    On the CPU each world gives what a single environment gives: equal keys, observations and
-    metrics, rewards but for rounding. Worlds whose episode has ended are begun anew by
-    :meth:`reset` with a mask; who plays on in them gets nonsense.
+    On the CPU each world equals a single environment: equal keys, observations and metrics; rewards
+    up to rounding. Reset worlds whose episode has ended with the mask of :meth:`reset`; later steps
+    in them return meaningless values.
 
-    Of wrappers around the environment those are known that change the score, ``HandActions``,
-    ``HandReward`` and ``TimeLimit``. With one that changes the score, ``draws`` scores are drawn
-    beforehand, and each episode plays one of these. Other scores are dealt out: world i plays
-    number i modulo their count.
+    Supported wrappers are those that change the score, ``HandActions``, ``HandReward`` and
+    ``TimeLimit``. With a wrapper that changes the score, ``draws`` scores are drawn beforehand, and
+    each episode draws one of these. Other scores are distributed: world i plays number i modulo
+    their count.
 
     Args:
-        num_envs: How many worlds there are, N.
-        score: What is played: one score, or several, of which each world plays one.
+        num_envs: Number of worlds, N.
+        score: One score for all worlds, or several; each world plays one.
         backend: "cpu" for MuJoCo's own threads, "warp" for MuJoCo Warp.
-        device: Where Warp simulates: "cuda" if there is one, else "cpu".
+        device: Device of Warp: by default "cuda" if available, else "cpu".
         n_threads: Threads on the CPU; by default one for each usable core.
-        wrappers: What is put around a single environment, from the inside.
-        draws: Scores to draw if a wrapper draws them.
-        metrics: "all" that a final ``info`` has, for which every step is noted down; or "sums" of
-            what adds up: F1 and returns.
-        moving_keys: The lowest and the highest key that move; all others are rigid, which is
-            faster, see :meth:`~sb3_piano.envs.PianoEnv.fix_keys`. By default all move.
-        seed: Seeds all that is drawn.
+        wrappers: Wrappers of the single environment, innermost first.
+        draws: Number of scores to draw if a wrapper draws them.
+        metrics: "all" metrics of a final ``info``, which records every step; or "sums" for the
+            additive ones: F1 and returns.
+        moving_keys: Lowest and highest key that move; all others are rigid, which is faster, see
+            :meth:`~sb3_piano.envs.PianoEnv.fix_keys`. By default all move.
+        seed: Seed of all random draws.
         physics_options: Arguments of :class:`~sb3_piano.batch.WarpWorlds`, such as buffers.
-        **options: The fields of :class:`~sb3_piano.envs.PianoEnvConfig`.
+        **options: Fields of :class:`~sb3_piano.envs.PianoEnvConfig`.
 
     Raises:
         ConfigError: If an argument is not valid, or a wrapper cannot be batched.
@@ -113,28 +113,28 @@ class BatchedPiano:
                 "cannot be batched: expected no reward_terms; or single environments."
             )
         self.piano: PianoEnv = env
-        """The environment that is batched: its scene, spaces, settings; no world of the batch."""
+        """The single environment: scene, spaces and settings; it is not one of the worlds."""
         if moving_keys is not None:
             env.fix_keys(*moving_keys)
         for wrapper in wrappers:
             env = wrapper(env)
         self.env: gym.Env[Any, Any] = env
-        """The same with its wrappers."""
+        """The single environment with its wrappers."""
         self.np_random = np.random.default_rng(seed)
         self.worlds: Worlds = _worlds(
             self.piano, self.num_envs, backend, device, n_threads, physics_options or {}
         )
-        """The physics."""
+        """Physics of all worlds."""
         self.device = self.worlds.device
-        """Where all tensors are."""
+        """Device of all tensors."""
         self._take_wrappers()
         self.pieces = self._prepared(scores, checked("draws", draws, Count), seed)
-        """What is played."""
+        """Pieces as tables of tensors."""
         self._begin_all(metrics)
         self.action_space, self.observation_space = env.action_space, env.observation_space
 
     def _take_wrappers(self) -> None:
-        """Look for what the wrappers do; refuse those that change something else."""
+        """Find the supported wrappers; refuse all others."""
         self._limit, self._drawn = 2**31, False
         self._actions: HandActions | None = None
         self._reward: HandReward | None = None
@@ -149,7 +149,7 @@ class BatchedPiano:
                 self._drawn = True
             if layer is not self.piano and not isinstance(layer, _KNOWN):
                 raise ConfigError(
-                    f"{type(layer).__name__} is no wrapper that can be batched: expected those "
+                    f"{type(layer).__name__} is no wrapper that can be batched: expected wrappers "
                     "that change the score, HandActions, HandReward or TimeLimit; or single "
                     "environments."
                 )
@@ -168,13 +168,13 @@ class BatchedPiano:
         count, worlds, pieces, env = self.num_envs, self.worlds, self.pieces, self.piano
         self._begun = False
         self.piece = torch.arange(count, device=self.device) % len(pieces.goals)
-        """(N,) number of what each world plays."""
+        """(N,) number of each world's piece."""
         self.steps = torch.zeros(count, dtype=torch.long, device=self.device)
-        """(N,) control steps of each episode that are over."""
+        """(N,) completed control steps of each episode."""
         self.terms: dict[str, Tensor] = {}
         """(N,) unweighted reward terms of the last step, by name."""
         self.heard = heard = Heard(worlds)
-        """What was heard in the last step."""
+        """Keys, pedal and fingertips after the last step."""
         self._task = Task(env.config, pieces, worlds, heard)
         weights = env.config.reward_weights
         self._strikes = Strikes(pieces, count) if weights.get("strike") else None
@@ -182,7 +182,7 @@ class BatchedPiano:
         self._weight = worlds.qpos.new_tensor(list(weights.values()))
         made = History if metrics == "all" else Sums
         self.sums = made(pieces, worlds, heard, self._weights)
-        """What adds up over each episode."""
+        """Sums or history of each episode."""
         self._middle, self._half = (
             torch.as_tensor(array).to(worlds.qpos)
             for array in (env.action_map.middle, env.action_map.half_range)
@@ -194,7 +194,7 @@ class BatchedPiano:
             HandRewards(reward, self._task, pieces, worlds, heard) if reward is not None else None
         )
         self.hand_rewards: Tensor | None = None
-        """(N, h) rewards of the hands in the last step, if there are any."""
+        """(N, h) rewards of the hands in the last step, with ``HandReward`` only."""
         parts = (heard, self.sums, self._strikes, self._hand_rewards)
         self._episodes = tuple(part for part in parts if part is not None)
 
@@ -204,18 +204,18 @@ class BatchedPiano:
         return self.piano.config
 
     def seed(self, seed: int | None) -> None:
-        """Seed what is drawn from now on."""
+        """Seed all later random draws."""
         self.np_random = np.random.default_rng(seed)
 
     def reset(self, mask: Tensor | None = None, piece: Tensor | None = None) -> Tensor:
-        """Begin episodes.
+        """Start episodes.
 
         Args:
-            mask: (N,) bool, the worlds in which one begins; by default all.
-            piece: (N,) numbers of what they play; by default dealt out or drawn.
+            mask: (N,) bool, worlds whose episode starts; by default all.
+            piece: (N,) numbers of the pieces; by default distributed or drawn.
 
         Returns:
-            What all worlds observe, (N, n) float32.
+            Observations of all worlds, (N, n) float32.
         """
         if mask is None:
             mask = torch.ones(self.num_envs, dtype=torch.bool)
@@ -239,7 +239,7 @@ class BatchedPiano:
         return self.observe()
 
     def step(self, actions: Tensor) -> BatchStep:
-        """Play a control step in all worlds.
+        """Simulate one control step in all worlds.
 
         Args:
             actions: (N, n) numbers in [-1, 1].
@@ -262,7 +262,7 @@ class BatchedPiano:
             worth = 2 * hit.sum(1) - heard.struck.sum(1)
             self.terms["strike"] = worth.to(self.worlds.dtype)
         weighted = torch.stack([self.terms.get(n, self._nothing) for n in self._weights], 1)
-        lost = self.worlds.lost[:, None]  # what is seen there may be no numbers
+        lost = self.worlds.lost[:, None]  # their values may be NaN
         weighted = torch.where(lost, 0.0, weighted * self._weight)
         reward = weighted.sum(1)
         self.sums.add(row, step, weighted)
@@ -281,15 +281,15 @@ class BatchedPiano:
         return BatchStep(observation, reward, terminated, truncated)
 
     def observe(self) -> Tensor:
-        """Return what all worlds observe, (N, n) float32; at the end the last goal once more."""
+        """Return all observations, (N, n) float32; after an episode's end with its last goal."""
         return self._observations.write(self.pieces.first[self.piece] + self._step())
 
     def summaries(self, worlds: Sequence[int]) -> list[dict[str, float]]:
-        """Return the metrics and returns of the episodes of some worlds so far."""
+        """Return the metrics and returns of some worlds' episodes so far."""
         return self.sums.summaries(worlds, self.piece, self.steps)
 
     def _step(self) -> Tensor:
-        """Return the control step under way, (N,); of an episode that has ended its last one."""
+        """Return the present control step, (N,), or the last one of an ended episode."""
         return torch.minimum(self.steps, self.pieces.length[self.piece] - 1)
 
     def _controls(self, actions: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,4 +1,4 @@
-"""The episodes of many worlds so far, and their metrics, which are those of one environment."""
+"""Episode metrics of many worlds, equal to those of a single environment."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 
 
 class Sums:
-    """What adds up over an episode, for those who want no more: N numbers of each kind."""
+    """Sums over an episode: F1 and returns, N numbers of each."""
 
     def __init__(self, pieces: Pieces, worlds: Worlds, heard: Heard, terms: Sequence[str]):
         self._pieces, self._heard, self._terms = pieces, heard, tuple(terms)
@@ -25,11 +25,11 @@ class Sums:
         self.returns = new(worlds.count, len(terms))
         """(N, n) sums of the weighted terms."""
         self.earned = new(worlds.count)
-        """(N,) sums of the rewards, whatever they are made of."""
+        """(N,) sums of the rewards, of any reward function."""
         self._f1 = new(worlds.count)
 
     def begin(self, mask: Tensor) -> None:
-        """Begin the episodes of a mask."""
+        """Start the episodes of a mask."""
         for array in (self.returns, self.earned, self._f1):
             array[mask] = 0.0
 
@@ -43,7 +43,7 @@ class Sums:
         self._f1 += torch.where(both > 0, f1, 1.0)
 
     def summaries(self, worlds: Sequence[int], piece: Tensor, step: Tensor) -> list[dict]:
-        """Return the mean F1 and the returns by name of worlds, whose episodes have some steps."""
+        """Return mean F1 and returns by name of worlds, after ``step`` steps of their episodes."""
         index = torch.tensor(list(worlds), device=step.device)
         f1 = (self._f1[index] / step[index]).tolist()
         returns, pieces = self.returns[index].tolist(), piece[index].tolist()
@@ -57,7 +57,7 @@ class Sums:
 
 
 class History(Sums):
-    """What was heard in each control step, of which all metrics are made."""
+    """Record of each control step, from which all metrics are computed."""
 
     def __init__(self, pieces: Pieces, worlds: Worlds, heard: Heard, terms: Sequence[str]):
         super().__init__(pieces, worlds, heard, terms)
@@ -71,14 +71,14 @@ class History(Sums):
         self._tips = worlds.qpos.new_zeros(*shape, NUM_FINGERS, 3)
 
     def add(self, row: Tensor, step: Tensor, weighted: Tensor) -> None:
-        """Note down a control step, with its (N, n) weighted terms."""
+        """Record a control step, with its (N, n) weighted terms."""
         self.returns += weighted
         at, heard = (self._all, step), self._heard
         self._sounding[at], self._since[at] = heard.sounding, heard.since
         self._pedal[at], self._tips[at] = heard.pedal_down, heard.fingertips
 
     def summaries(self, worlds: Sequence[int], piece: Tensor, step: Tensor) -> list[dict]:
-        """Return what the final ``info`` of a single environment would have of each world."""
+        """Return each world's metrics as in the final ``info`` of a single environment."""
         return [self.record(w, int(piece[w]), int(step[w])).summary() for w in worlds]
 
     def record(self, world: int, piece: int, steps: int) -> EpisodeRecord:
@@ -110,7 +110,7 @@ class History(Sums):
         return record
 
     def _within(self, sounding: BoolArray, since: np.ndarray) -> dict[int, BoolArray]:
-        """Return what sounded after each physics step of those steps in which a key changed."""
+        """Return the sounding keys after each physics step, for control steps with changed keys."""
         before = np.concatenate([np.zeros((1, NUM_KEYS), dtype=bool), sounding[:-1]])
         changed = np.flatnonzero((sounding != before).any(axis=1))
         substep = np.arange(self._n_substeps)[:, None]

@@ -1,4 +1,4 @@
-"""Hands as agents in many worlds: their actions and their rewards."""
+"""Hands as agents in many worlds: their actions and rewards."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sb3_piano.wrappers import HandActions, HandReward
 
 
 class HandControls:
-    """What actions of :class:`~sb3_piano.wrappers.HandActions` tell the actuators of N worlds."""
+    """Actuator targets from the actions of :class:`~sb3_piano.wrappers.HandActions`, N worlds."""
 
     def __init__(self, wrapper: HandActions, worlds: Worlds):
         scene, like = worlds.scene, worlds.qpos
@@ -35,7 +35,7 @@ class HandControls:
 
 
 class HandRewards:
-    """What :class:`~sb3_piano.wrappers.HandReward` gives the hands of N worlds."""
+    """Rewards of :class:`~sb3_piano.wrappers.HandReward` for the hands of N worlds."""
 
     def __init__(
         self, wrapper: HandReward, task: Task, pieces: Pieces, worlds: Worlds, heard: Heard
@@ -50,12 +50,12 @@ class HandRewards:
         self._before = torch.zeros_like(heard.sounding)
 
     def begin(self, mask: Tensor) -> None:
-        """Begin the episodes of a mask."""
+        """Start the episodes of a mask."""
         self._strikes.begin(mask)
         self._before = self._before & ~mask[:, None]
 
     def rewards(self, piece: Tensor, row: Tensor, step: Tensor) -> Tensor:
-        """Return the rewards of the hands that are there, (N, h), of a control step played."""
+        """Return the rewards of the present hands, (N, h), after a control step."""
         heard, options, pieces = self._heard, self._set, self._pieces
         sounding, dtype = heard.within(), self._worlds.dtype
         before, self._before = self._before, sounding[:, -1]
@@ -76,7 +76,7 @@ class HandRewards:
         return rewards[:, self._hands]
 
     def _of_hand(self, labelled: Tensor) -> Tensor:
-        """Return 1 for the keys that each hand holds or is the nearest to, (N, 2, 88)."""
+        """Return 1 for each hand's labelled or nearest keys, (N, 2, 88)."""
         across = self._heard.fingertips[..., 1]
         nearest = (across[:, :, None] - self._key_y).abs().argmin(1) // FINGERS_PER_HAND
         hand = torch.where(labelled < 0, nearest, labelled.long())
@@ -85,11 +85,11 @@ class HandRewards:
     def _struck(
         self, piece: Tensor, row: Tensor, step: Tensor, before: Tensor, sounding: Tensor
     ) -> Tensor:
-        """Return by key the strikes that hit less those that do not, (N, 88)."""
+        """Return hits less misses of the strikes of each key, (N, 88)."""
         went_down = sounding & ~torch.cat([before[:, None], sounding[:, :-1]], 1)
         number, length = went_down.cumsum(1), self._pieces.goals[0].roll.control_timestep
         worth = torch.zeros_like(before, dtype=torch.long)
-        for nth in range(1, int(number[:, -1].max()) + 1):  # a key that bounces strikes again
+        for nth in range(1, int(number[:, -1].max()) + 1):  # a bouncing key strikes again
             this = went_down & (number == nth)
             struck = this.any(1)
             share = (this * self._substep).amax(1).to(self._worlds.dtype) / sounding.shape[1]
@@ -98,7 +98,7 @@ class HandRewards:
         return worth
 
     def _closeness(self, row: Tensor) -> Tensor:
-        """Return how near each hand is to holding its due keys, (N, 2)."""
+        """Return how close each hand is to holding its due keys, (N, 2)."""
         pieces, heard = self._pieces, self._heard
         key, there = pieces.key[row], pieces.labelled[row]
         held = closeness(1.0 - heard.key_state.gather(1, key), KEY_TOLERANCE)
@@ -110,6 +110,6 @@ class HandRewards:
 
 
 def _f1(counts: Tensor) -> Tensor:
-    """Return the F1 of (N, 3, ...) counts: asked for, heard, and both; 1 where there is nothing."""
+    """Return the F1 of (N, 3, ...) counts: due, sounding and both; 1 if the first two are 0."""
     total = counts[:, 0] + counts[:, 1]
     return torch.where(total > 0, 2 * counts[:, 2] / total.clamp(min=1e-9), 1.0)

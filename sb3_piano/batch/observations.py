@@ -1,4 +1,4 @@
-"""Observations of many worlds, by the encodings' own tables and formulas."""
+"""Observations of many worlds, by the tables and formulas of the encodings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FASTEST = 50.0
 
 
 class Observations(ABC):
-    """Writes what N worlds observe, (N, n) float32, as an encoding does for one."""
+    """Encoder of N worlds' observations, (N, n) float32."""
 
     def __init__(self, pieces: Pieces, worlds: Worlds, heard: Heard):
         self._pieces, self._worlds, self._heard = pieces, worlds, heard
@@ -35,13 +35,13 @@ class Observations(ABC):
 
     @abstractmethod
     def write(self, row: Tensor) -> Tensor:
-        """Return the observations before control steps, whose rows in the tables are (N,)."""
+        """Compute the observations before the control steps at rows (N,) of the tables."""
 
 
 def observations_of(
     encoding: Encoding, pieces: Pieces, worlds: Worlds, heard: Heard
 ) -> Observations:
-    """Return what writes the observations of an encoding."""
+    """Create the batched encoder for an encoding."""
     if isinstance(encoding, HandEncoding):
         return HandObservations(encoding, pieces, worlds, heard)
     if isinstance(encoding, FingerEncoding):
@@ -51,7 +51,7 @@ def observations_of(
 
 
 class RollObservations(Observations):
-    """Those of :class:`~sb3_piano.envs.encodings.RollEncoding`."""
+    """Observations of :class:`~sb3_piano.envs.encodings.RollEncoding`."""
 
     def __init__(self, encoding: RollEncoding, pieces: Pieces, worlds: Worlds, heard: Heard):
         super().__init__(pieces, worlds, heard)
@@ -72,7 +72,7 @@ class RollObservations(Observations):
 
 
 class FingerObservations(Observations):
-    """Those of :class:`~sb3_piano.envs.encodings.FingerEncoding`."""
+    """Observations of :class:`~sb3_piano.envs.encodings.FingerEncoding`."""
 
     def __init__(self, encoding: FingerEncoding, pieces: Pieces, worlds: Worlds, heard: Heard):
         super().__init__(pieces, worlds, heard)
@@ -100,7 +100,7 @@ class FingerObservations(Observations):
 
 
 class HandObservations(Observations):
-    """Those of :class:`~sb3_piano.envs.hand_encoding.HandEncoding`."""
+    """Observations of :class:`~sb3_piano.envs.hand_encoding.HandEncoding`."""
 
     def __init__(self, encoding: HandEncoding, pieces: Pieces, worlds: Worlds, heard: Heard):
         super().__init__(pieces, worlds, heard)
@@ -147,7 +147,7 @@ class HandObservations(Observations):
         from_arm = arm * _DM_PER_M
         here = torch.stack([here[..., 0], here[..., 1] - from_arm, here[..., 2]], -1)
         rows[..., here_at["fingertips"]] = here.flatten(2).float()
-        # As of one world: the difference is that of numbers of double precision.
+        # As in one world: differences are computed in double precision.
         for name in ("places", "line"):
             rows[..., here_at[name]] = (rows[..., here_at[name]] - from_arm).float()
         other = from_arm.flip(1) if hands > 1 else self._middle * _DM_PER_M

@@ -1,4 +1,4 @@
-"""A replay buffer whose rows are where the network is."""
+"""Replay buffer on the algorithm's device."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _FLOAT32_NAMES = ("observations", "next_observations", "actions", "rewards", "do
 class DeviceReplayBuffer(ReplayBuffer):
     """SB3's ``ReplayBuffer`` as tensors on the algorithm's device.
 
-    A batch is drawn, gathered and normalised there: with batches of thousands that takes a tenth
-    of a millisecond in place of some. ``SAC(..., replay_buffer_class=DeviceReplayBuffer)``.
+    It samples, gathers and normalises on the device: batches of thousands take a tenth of a
+    millisecond instead of several. Use ``SAC(..., replay_buffer_class=DeviceReplayBuffer)``.
 
-    Args and errors are those of ``ReplayBuffer``; torch's generator draws, not NumPy's.
+    Arguments and errors are as in ``ReplayBuffer``; torch's random generator replaces NumPy's.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class DeviceReplayBuffer(ReplayBuffer):
     ):
         if optimize_memory_usage:
             raise ValueError("DeviceReplayBuffer has no optimize_memory_usage: expected False.")
-        # Not ReplayBuffer's own, which makes NumPy's arrays.
+        # Skip ReplayBuffer's own, which allocates NumPy arrays.
         BaseBuffer.__init__(
             self, buffer_size, observation_space, action_space, device, n_envs=n_envs
         )
@@ -82,7 +82,7 @@ class DeviceReplayBuffer(ReplayBuffer):
     def _get_samples(
         self, batch_inds: np.ndarray, env: VecNormalize | None = None
     ) -> ReplayBufferSamples:
-        """Return rows of steps, each of an environment that is drawn."""
+        """Return the transitions of steps, each of a randomly drawn environment."""
         at = torch.as_tensor(batch_inds, device=self.device)
         slot = torch.randint(self.n_envs, at.shape, device=self.device)
         observation, following, action, reward, done = (
@@ -99,7 +99,7 @@ class DeviceReplayBuffer(ReplayBuffer):
     def _normalized(self, rows: Tensor, env: VecNormalize | None) -> Tensor:
         if env is None or not env.norm_obs:
             return rows
-        moments: Any = env.obs_rms  # of observations that are arrays
+        moments: Any = env.obs_rms  # of array observations
         mean = torch.as_tensor(moments.mean, dtype=torch.float32, device=self.device)
         deviation = np.sqrt(moments.var + env.epsilon)
         scale = torch.as_tensor(deviation, dtype=torch.float32, device=self.device)
@@ -112,12 +112,12 @@ class DeviceReplayBuffer(ReplayBuffer):
         return (reward / scale).clamp(-env.clip_reward, env.clip_reward)
 
     def take_rows(self, rows: IntArray) -> Arrays:
-        """Return all that belongs to (n,) rows, by name."""
+        """Return the contents of (n,) rows, by name."""
         at = torch.as_tensor(rows, device=self.device)
         return {name: array[at].cpu().numpy() for name, array in self._rows.items()}
 
     def put_rows(self, rows: IntArray, saved: Mapping[str, np.ndarray]) -> None:
-        """Set (n,) rows to what :meth:`take_rows` gave; a RunError tells why it does not fit."""
+        """Set (n,) rows from :meth:`take_rows`. Raises RunError if the shapes do not fit."""
         at = torch.as_tensor(rows, device=self.device)
         for name, array in self._rows.items():
             shape = (len(rows), *array.shape[1:])

@@ -1,4 +1,4 @@
-"""Pieces as tables of tensors, a row for each control step."""
+"""Pieces as tables of tensors, one row for each control step."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from sb3_piano.music.constants import NUM_KEYS
 
 
 class Pieces:
-    """P pieces one after the other: what is due, and what an observation knows of them.
+    """P concatenated pieces: due keys, and the score's part of the observations.
 
     ``first[p] + t`` is the row of control step t of piece p.
 
     Args:
-        goals: The pieces.
-        tables: What each piece's observations know of it before it is played, see
+        goals: Goals of the pieces.
+        tables: Precomputed part of each piece's observations, see
             :meth:`~sb3_piano.envs.encodings.Encoding.tables`.
-        like: A tensor of the device and of the type of numbers that are wanted.
+        like: Tensor with the device and dtype of the tables.
     """
 
     def __init__(self, goals: Sequence[Goal], tables: Sequence[Arrays], like: Tensor):
@@ -43,15 +43,15 @@ class Pieces:
         """(P,) row of the first control step."""
         own = self._stacked(music, rows)
         self.due, self.sustain, self.target = own["due"], own["sustain"], own["target"]
-        """(R, 88), (R,) what is asked of the state; (R, 88) what the metrics go by."""
+        """(R, 88), (R,) keys and pedal asked for; (R, 88) keys that the metrics compare."""
         self.target_sustain = own["target_sustain"]
         """(R,) whether the pedal should be down."""
         self.key, self.finger, self.labelled = own["key"], own["finger"], own["labelled"]
-        """(R, k) keys that are due with a labelled finger, the fingers, whether there is one."""
+        """(R, k) due keys with a labelled finger, their fingers, and whether each entry is used."""
         self.hand = own["hand"]
-        """(R, 88) hand whose finger is to hold each key, -1 where none is."""
+        """(R, 88) hand labelled for each key, -1 if none."""
         self.known = self._stacked(tables, rows)
-        """What the observation knows, by name."""
+        """Precomputed part of the observations, by name."""
         self.onsets = Onsets([goal.roll for goal in goals], rows, like)
 
     def _tensor(self, array: npt.NDArray[np.generic]) -> Tensor:
@@ -59,7 +59,7 @@ class Pieces:
         return made.to(self._like.dtype) if made.dtype == torch.float64 else made
 
     def _stacked(self, pieces: Sequence[Arrays], rows: Sequence[int]) -> dict[str, Tensor]:
-        """Put tables of equal names below each other, filled up to so many rows each."""
+        """Concatenate tables by name, each padded to its number of rows."""
         stacked = {}
         for name in pieces[0]:
             tables = _as_wide([piece[name] for piece in pieces])
@@ -72,9 +72,9 @@ class Pieces:
 
 
 class Onsets:
-    """The strikes that pieces ask for, and which of them are still open in each world.
+    """Strikes due in each piece, and which of them are open in each world.
 
-    What :class:`~sb3_piano.envs.strikes.OpenOnsets` is to one episode.
+    The batched form of :class:`~sb3_piano.envs.strikes.OpenOnsets`.
     """
 
     def __init__(self, rolls: Sequence[PianoRoll], rows: Sequence[int], like: Tensor):
@@ -82,7 +82,7 @@ class Onsets:
         self.count = torch.tensor([len(one) for one in strikes], device=like.device)
         """(P,) strikes of each piece."""
         most = max(map(len, strikes))
-        time = np.full((len(rolls), most + 1), np.inf)  # the last one of each stands for none
+        time = np.full((len(rolls), most + 1), np.inf)  # the last entry means none
         near = [
             _near(roll, one, count, most)
             for roll, one, count in zip(rolls, strikes, rows, strict=True)
@@ -90,13 +90,13 @@ class Onsets:
         for own, one in zip(time, strikes, strict=True):
             own[: len(one)] = [when for _, _, when in one]
         self.time = torch.from_numpy(time).to(like)
-        """(P, m + 1) when, s."""
+        """(P, m + 1) times, s."""
         candidates = np.concatenate(_as_wide(near, most))
         self.candidates = torch.from_numpy(candidates).to(like.device)
-        """(R, 88, c) the strikes of each key that one within the control step may be meant for."""
+        """(R, 88, c) each key's onsets that a strike in the control step may match."""
 
     def begun(self, count: int) -> Tensor:
-        """Return that all strikes of N episodes are open, (N, m + 1) bool."""
+        """Return that all strikes of N new episodes are open, (N, m + 1) bool."""
         still_open = torch.ones((count, self.time.shape[1]), dtype=torch.bool)
         still_open[:, -1] = False
         return still_open.to(self.time.device)
@@ -123,7 +123,7 @@ def _music(goal: Goal) -> Arrays:
 def _near(
     roll: PianoRoll, strikes: list[tuple[int, int, float]], rows: int, none: int
 ) -> npt.NDArray[np.int32]:
-    """Return by control step and key which strikes are within the tolerance, (rows, 88, c)."""
+    """Return the strikes within the tolerance, by control step and key, (rows, 88, c)."""
     length = roll.control_timestep
     found: dict[tuple[int, int], list[int]] = {}
     for number, (_, key, time) in enumerate(strikes):
@@ -141,7 +141,7 @@ def _near(
 def _as_wide(
     tables: Sequence[npt.NDArray[np.generic]], fill: int = 0
 ) -> list[npt.NDArray[np.generic]]:
-    """Return tables whose last axes are filled up to the longest."""
+    """Pad the last axes of tables to the longest."""
     widest = max(table.shape[-1] for table in tables)
     return [
         table

@@ -1,4 +1,4 @@
-"""What is heard in many worlds, and what it earns: the reward of the piano over tensors."""
+"""Piano state and reward terms of many worlds, on tensors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FINGER_TOLERANCE = 0.01
 
 
 class Heard:
-    """What was heard in the last control step of each world, and what can be seen of it."""
+    """Keys, pedal and fingertips of each world after the last control step."""
 
     def __init__(self, worlds: Worlds):
         scene, like = worlds.scene, worlds.qpos
@@ -38,17 +38,17 @@ class Heard:
         self._far = like.new_full((count, NUM_FINGERS, 3), FAR_AWAY)
         self._substep = torch.arange(1, worlds.n_substeps + 1, device=like.device)[:, None]
         self.key_state = like.new_zeros(count, NUM_KEYS)
-        """(N, 88) key angle over its largest angle, in [0, 1]."""
+        """(N, 88) key angle divided by its maximum, in [0, 1]."""
         self.sounding = torch.zeros(count, NUM_KEYS, dtype=torch.bool, device=like.device)
-        """(N, 88) keys that sound."""
+        """(N, 88) sounding keys."""
         self.struck = self.sounding
-        """(N, 88) keys that do and did not before the control step."""
+        """(N, 88) sounding keys that were silent before the control step."""
         self.since = torch.zeros(count, NUM_KEYS, dtype=torch.int8, device=like.device)
-        """(N, 88) physics steps of it in which a key that changed was still as it had been."""
+        """(N, 88) physics steps before a changed key reached its final state."""
         self.fingertips = self._far
-        """(N, 10, 3) m; those of a hand that is not there are far away."""
+        """(N, 10, 3) m; fingertips of missing hands are far away."""
         self.pedal = like.new_zeros(count)
-        """(N,) the pedal's command in [0, 1]."""
+        """(N,) pedal commands in [0, 1]."""
         self._threshold = pedal_threshold()
 
     @property
@@ -57,13 +57,13 @@ class Heard:
         return self.pedal >= self._threshold
 
     def begin(self, mask: Tensor) -> None:
-        """Look at worlds at rest, whose episodes begin."""
+        """Read the state of worlds at rest whose episodes start."""
         self.pedal = torch.where(mask, 0.0, self.pedal)
         self.since = torch.where(mask[:, None], 0, self.since)
         self._look()
 
     def read(self) -> None:
-        """Listen to a control step that was played."""
+        """Read the state after a control step."""
         before = self.sounding
         self._look()
         changed = self.sounding != before
@@ -76,15 +76,15 @@ class Heard:
             self.since[rows] = other.amax(1).to(torch.int8)
 
     def within(self, rows: Tensor | slice = slice(None)) -> Tensor:
-        """Return which keys sounded after each physics step, (n, p, 88), of some worlds."""
+        """Return the sounding keys after each physics step, (n, p, 88), of some worlds."""
         return self._worlds.key_angles(rows) >= self._sounds
 
     def share(self) -> Tensor:
-        """Return after which share of the control step keys were for good as they are, (N, 88)."""
+        """Return the share of the control step after which keys kept their state, (N, 88)."""
         return (self.since.to(self._highest.dtype) + 1) / self._worlds.n_substeps
 
     def press_points(self, key: Tensor) -> Tensor:
-        """Return where to press keys, (N, k), in their worlds, (N, k, 3) m."""
+        """Return press points of keys, (N, k), in world coordinates, (N, k, 3) m."""
         return at(self._worlds.geom_xpos, self._press_geom[key]) + self._press_offset[key]
 
     def _look(self) -> None:
@@ -102,36 +102,36 @@ class Heard:
 
 
 def at(rows: Tensor, index: Tensor) -> Tensor:
-    """Return rows, (N, m, 3), at (N, ...) indices of their second axis, (N, ..., 3)."""
+    """Gather rows (N, m, 3) at (N, ...) indices of the second axis, (N, ..., 3)."""
     flat = index.reshape(len(index), -1)
     found = rows.gather(1, flat[..., None].expand(-1, -1, rows.shape[-1]))
     return found.view(*index.shape, rows.shape[-1])
 
 
 def closeness(distance: Tensor, bound: float) -> Tensor:
-    """Return :func:`~sb3_piano.envs.rewards.tolerance` of distances, which are not negative."""
+    """Apply :func:`~sb3_piano.envs.rewards.tolerance` to non-negative distances."""
     outside = (distance - bound).clamp(min=0) / (10 * bound)
     return torch.pow(0.1, outside * outside)
 
 
 def mean_where(values: Tensor, there: Tensor) -> Tensor:
-    """Return the mean of values along the last axis where they are; 0 where none is."""
+    """Return the mean of the masked values along the last axis; 0 if there are none."""
     return (values * there).sum(-1) / there.sum(-1).clamp(min=1)
 
 
 class Strikes:
-    """Strikes that hit an onset that no strike has hit yet, in each of N episodes."""
+    """Matching of strikes to onsets not yet hit, in each of N episodes."""
 
     def __init__(self, pieces: Pieces, count: int):
         self._onsets = pieces.onsets
         self._open = self._onsets.begun(count)
 
     def begin(self, mask: Tensor) -> None:
-        """Begin the episodes of a mask."""
+        """Start the episodes of a mask."""
         self._open[mask] = self._onsets.begun(1)
 
     def hit(self, piece: Tensor, row: Tensor, struck: Tensor, time: Tensor) -> Tensor:
-        """Return which strikes, (N, 88) bool at (N, 88) s, hit an open onset, and close these."""
+        """Return which strikes, (N, 88) bool at (N, 88) s, hit open onsets, and close these."""
         candidates = self._onsets.candidates[row].long()
         flat = candidates.flatten(1)
         onset = self._onsets.time[piece].gather(1, flat).view_as(candidates)
@@ -148,7 +148,7 @@ class Strikes:
 
 
 class Task:
-    """Reward terms of the present state of each world under the goal of a control step."""
+    """Reward terms of each world's state for the goal of a control step."""
 
     def __init__(self, config: PianoEnvConfig, pieces: Pieces, worlds: Worlds, heard: Heard):
         self._config, self._pieces, self._worlds, self._heard = config, pieces, worlds, heard
@@ -162,11 +162,11 @@ class Task:
         self._sustain = worlds.qpos.new_tensor([rewards.sustain(*pair) for pair in pairs])
 
     def terms(self, piece: Tensor, row: Tensor) -> dict[str, Tensor]:
-        """Return the unweighted terms by name, (N,) each, without that of the strikes.
+        """Return the unweighted terms by name, (N,) each, except the strikes' term.
 
         Args:
-            piece: (N,) what is played.
-            row: (N,) where the control step stands in the tables.
+            piece: (N,) numbers of the pieces.
+            row: (N,) rows of the control step in the tables.
         """
         heard, pieces = self._heard, self._pieces
         due, sustain = pieces.due[row], pieces.sustain[row]
@@ -201,13 +201,13 @@ class Task:
         return reward
 
     def near(self, row: Tensor) -> Tensor:
-        """Return how near labelled fingers are to their keys, (N, k) in [0, 1]."""
+        """Return how close labelled fingers are to their keys, (N, k) in [0, 1]."""
         key, finger = self._pieces.key[row], self._pieces.finger[row]
         way = self._heard.press_points(key) - at(self._heard.fingertips, finger)
         return closeness(way.square().sum(-1).sqrt(), _FINGER_TOLERANCE)
 
     def _assigned(self, world: int, keys: Tensor) -> float:
-        # Some keys in one world at a time, as of a single environment: for pieces without fingers.
+        # One world at a time, as in a single environment: for pieces without fingers.
         worlds, scene = self._worlds, self._scene
         geoms, offsets = scene.press_geometry(keys.cpu().numpy())
         points = worlds.geom_xpos[world].double().cpu().numpy()[geoms] + offsets

@@ -1,4 +1,4 @@
-"""Many pianos for Stable-Baselines3: a vector of environments with NumPy's arrays at the border."""
+"""Vector environment of Stable-Baselines3 for a batch, with NumPy arrays."""
 
 from __future__ import annotations
 
@@ -19,39 +19,39 @@ from sb3_piano.wrappers.hand_reward import HAND_REWARDS
 
 
 class BatchVecEnv(VecEnv):
-    """A :class:`BatchedPiano` as a vector of environments of Stable-Baselines3.
+    """Stable-Baselines3 vector environment of a :class:`BatchedPiano`.
 
-    Where an episode ends, the next one begins at once. The ``info`` of the last step has the
-    music metrics, as that of a single environment, and ``episode``, as that of a ``Monitor``.
-    There are no single environments: attributes and methods are those of the one that is batched.
+    A world whose episode ends starts the next one at once. The ``info`` of the last step has the
+    music metrics of a single environment, and ``episode``, as from a ``Monitor``. Attributes and
+    methods belong to the one environment that is batched.
 
     Args:
-        batch: The pianos.
+        batch: The batched pianos.
     """
 
     def __init__(self, batch: BatchedPiano):
         self.batch = batch
-        """The pianos themselves, whose tensors can be looked at."""
+        """The batched pianos, with access to their tensors."""
         super().__init__(batch.num_envs, batch.observation_space, batch.action_space)
         self._start = time.time()
         self._actions = np.empty(0)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed all that is drawn from now on."""
+        """Seed all later random draws."""
         self.batch.seed(seed)
         return [seed] * self.num_envs
 
     def reset(self) -> np.ndarray:
-        """Begin an episode in every world."""
+        """Start an episode in every world."""
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return _array(self.batch.reset())
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take actions, (N, n)."""
+        """Store the actions, (N, n), for the next step."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Play the step; worlds whose episode ended are reset."""
+        """Run the step; reset worlds whose episode ended."""
         batch = self.batch
         observation, reward, terminated, truncated = batch.step(torch.as_tensor(self._actions))
         ended = terminated | truncated
@@ -79,33 +79,33 @@ class BatchVecEnv(VecEnv):
             infos[world] |= {**metrics, **more, "episode": episode}
 
     def close(self) -> None:
-        """Do nothing: memory goes with the object."""
+        """Do nothing: memory is freed with the object."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the environment that is batched, once for each index."""
+        """Return an attribute of the single environment, once for each index."""
         value = getattr(self.batch.env, attr_name, None)
         if value is None:
             value = getattr(self.batch.piano, attr_name)
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refuse: what worlds have in common cannot be set for one."""
+        """Raise ``ConfigError``: the worlds share their attributes."""
         raise ConfigError(
-            f"{attr_name!r} cannot be set in a batch: expected single environments, such as those "
-            "of vec_env 'threads'."
+            f"{attr_name!r} cannot be set in a batch: expected single environments, such as with "
+            "vec_env 'threads'."
         )
 
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Call a method of the environment that is batched, once for each index."""
+        """Call a method of the single environment, once for each index."""
         method = self.get_attr(method_name, 0)[0]
         return [method(*args, **kwargs) for _ in self._get_indices(indices)]
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """Return whether the environment that is batched has a wrapper, once for each index."""
+        """Return whether the single environment has a wrapper, once for each index."""
         found = any(isinstance(layer, wrapper_class) for layer in layers(self.batch.env))
         return [found for _ in self._get_indices(indices)]
 

@@ -1,4 +1,4 @@
-"""Many pianos as one of gymnasium's vector environments."""
+"""Gymnasium vector environment of a batch."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from sb3_piano.exceptions import ConfigError
 
 
 class BatchVectorEnv(VectorEnv[Any, Any, Any]):
-    """A :class:`BatchedPiano` as a vector environment of gymnasium.
+    """Gymnasium vector environment of a :class:`BatchedPiano`.
 
     ``gymnasium.make_vec(id, num_envs, "vector_entry_point", backend="cpu")`` makes one.
 
     Args:
-        num_envs: How many worlds there are.
-        score: What is played, see :class:`BatchedPiano`.
-        autoreset_mode: When a world whose episode has ended begins the next one.
-        tensors: Whether observations, rewards and ends are torch's tensors, where the worlds are.
-        **options: Those of :class:`BatchedPiano`.
+        num_envs: Number of worlds.
+        score: Score or scores, see :class:`BatchedPiano`.
+        autoreset_mode: When a world whose episode has ended starts the next one.
+        tensors: Whether to return observations, rewards and ends as tensors on the worlds' device.
+        **options: Options of :class:`BatchedPiano`.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class BatchVectorEnv(VectorEnv[Any, Any, Any]):
     ) -> None:
         mode = checked_mode(autoreset_mode)
         self.batch = BatchedPiano(num_envs, score, **options)
-        """The pianos themselves."""
+        """The batched pianos."""
         self.num_envs = self.batch.num_envs
         piano = self.batch.piano
         self.metadata = {**piano.metadata, "autoreset_mode": mode}
@@ -54,7 +54,7 @@ class BatchVectorEnv(VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every world, or in those of the option ``"reset_mask"``."""
+        """Start an episode in every world, or in the worlds of the option ``"reset_mask"``."""
         options = dict(options or {})
         mask = options.pop("reset_mask", None)
         if options:
@@ -69,7 +69,7 @@ class BatchVectorEnv(VectorEnv[Any, Any, Any]):
         return self._given(observation), {}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Play one control step in every world, or begin an episode where the last one ended."""
+        """Simulate one control step in every world, or reset worlds whose episode has ended."""
         before, batch = self._ended, self.batch
         observation, reward, terminated, truncated = batch.step(torch.as_tensor(actions))
         infos: dict[str, Any] = {}
@@ -90,7 +90,7 @@ class BatchVectorEnv(VectorEnv[Any, Any, Any]):
         return (*given, infos)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Do nothing: memory goes with the object."""
+        """Do nothing: memory is freed with the object."""
 
     def _given(self, tensor: torch.Tensor) -> Any:
         return tensor if self._tensors else tensor.cpu().numpy()
@@ -99,13 +99,13 @@ class BatchVectorEnv(VectorEnv[Any, Any, Any]):
 def make_vector_env(
     *args: Any, backend: str | None = None, **options: Any
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
-    """Return what ``gymnasium.make_vec`` makes: a batch with a ``backend``, else threads.
+    """Create a vector environment for ``gymnasium.make_vec``: a batch, or threads by default.
 
     Args:
         *args: Number of environments and score.
         backend: "cpu" or "warp", see :class:`BatchedPiano`; ``None`` for single environments in
             threads, a :class:`~sb3_piano.envs.PianoVectorEnv`.
-        **options: Those of either.
+        **options: Options of the vector environment's class.
     """
     if backend is None:
         return PianoVectorEnv(*args, **options)

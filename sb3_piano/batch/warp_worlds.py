@@ -1,4 +1,4 @@
-"""Worlds on a GPU, by MuJoCo Warp, in single precision."""
+"""Worlds on a GPU with MuJoCo Warp, in single precision."""
 
 import warnings
 from typing import Any
@@ -17,15 +17,15 @@ from sb3_piano.simulation import PianoScene
 
 wp.config.log_level = wp.LOG_WARNING
 
-# Most constraints of a world that were seen under any playing, and some more; see docs/batch.md.
+# Most constraints observed in a world, and a margin; see docs/batch.md.
 _CONSTRAINTS = 192
-_OF_REFERENCE = 288  # where each key rests on its limit
+_OF_REFERENCE = 288  # each key rests on its limit
 _CONTACTS = 48  # on average over all worlds: one may have more
-_CONVEX = 24  # pairs that are looked at by the general routine, likewise
-_NONZERO = 2048  # of the constraints' Jacobian: three times what was seen in the mean
+_CONVEX = 24  # pairs for the general collision routine, likewise
+_NONZERO = 2048  # of the constraints' Jacobian: three times the observed mean
 
 _FASTEST = 1e3
-"""Speed of a joint, rad/s or m/s, beyond which the physics of a world is taken for broken."""
+"""Joint speed, rad/s or m/s, above which a world's physics counts as broken."""
 
 _BUFFERS = {
     "n_constraints": mjw.OverflowType.NEFC,
@@ -36,27 +36,27 @@ _BUFFERS = {
 
 
 class BufferWarning(UserWarning):
-    """A buffer of MuJoCo Warp was too small: forces are missing in some worlds."""
+    """Warning: a buffer of MuJoCo Warp was too small, and some worlds lack forces."""
 
 
 class WarpWorlds(Worlds):
     """Worlds of MuJoCo Warp; on a CUDA device a control step is one captured graph.
 
     Args:
-        scene: What is simulated.
-        count: How many worlds there are.
+        scene: Scene to simulate.
+        count: Number of worlds.
         n_substeps: Physics steps in a control step.
-        device: "cuda", "cuda:1", "cpu" (to try it: far slower than ``CpuWorlds``); by default CUDA
-            if there is any.
-        n_contacts: Contacts to have room for in each world, on average.
-        n_constraints: Constraints to have room for in each world.
-        n_nonzero: Numbers in their Jacobian that are not zero, likewise.
-        n_convex: Pairs of cylinders and hulls that come close, likewise, on average.
-        graph: Whether to capture a graph, where the device can.
+        device: "cuda", "cuda:1" or "cpu" (only to try it: far slower than ``CpuWorlds``); by
+            default CUDA if available.
+        n_contacts: Size of the contact buffer for each world, on average.
+        n_constraints: Size of the constraint buffer for each world.
+        n_nonzero: Non-zero entries in the constraints' Jacobian, likewise.
+        n_convex: Close pairs of cylinders and hulls, likewise, on average.
+        graph: Whether to capture a graph, if the device can.
 
     Raises:
-        ConfigError: If an argument is not valid, there is no such device, or its memory is too
-            small for so many worlds.
+        ConfigError: If an argument is not valid, the device does not exist, or its memory is too
+            small for the worlds.
     """
 
     def __init__(
@@ -98,13 +98,13 @@ class WarpWorlds(Worlds):
                 raise
             raise ConfigError(
                 f"{count} worlds do not fit into the memory of {self.device} ({one_line(error)}): "
-                "expected fewer, or smaller buffers."
+                "expected fewer worlds, or smaller buffers."
             ) from error
         self._graphs: dict[str, Any] | None = {} if graph and self._on.is_cuda else None
         self._warm_up()
 
     def _take(self) -> None:
-        """Look at Warp's arrays as tensors, and make those that are not Warp's."""
+        """View Warp's arrays as tensors, and allocate the other tensors."""
         d, count, tensor = self._d, self.count, wp.to_torch
         self.qpos, self.qvel, self._ctrl = tensor(d.qpos), tensor(d.qvel), tensor(d.ctrl)
         self.geom_xpos = tensor(d.geom_xpos).view(count, -1, 3)
@@ -125,14 +125,14 @@ class WarpWorlds(Worlds):
         self._slider_qpos = wp.array(self.scene.slider_qpos.astype(np.int32), dtype=int)
 
     def reset(self, mask: Tensor, sliders: Tensor | None = None) -> None:
-        """Put worlds to rest; see :meth:`Worlds.reset`."""
+        """Reset worlds to rest; see :meth:`Worlds.reset`."""
         self._mask.copy_(mask)
         self._sliders.zero_() if sliders is None else self._sliders.copy_(sliders)
         self._run("reset")
         self.lost = self.lost & ~self._mask
 
     def step(self, controls: Tensor) -> None:
-        """Play a control step; see :meth:`Worlds.step`."""
+        """Simulate a control step; see :meth:`Worlds.step`."""
         self._ctrl.copy_(controls)
         self._run("step")
         broken = ~torch.isfinite(self.qpos).all(1) | ~(self.qvel.abs() < _FASTEST).all(1)
@@ -149,20 +149,20 @@ class WarpWorlds(Worlds):
         return self._angles[worlds]
 
     def forearms_touch(self) -> Tensor:
-        """Return in which worlds forearms touch; see :meth:`Worlds.forearms_touch`."""
+        """Return the worlds whose forearms touch; see :meth:`Worlds.forearms_touch`."""
         return self._touching > 0
 
     @property
     def memory(self) -> int:
-        """Bytes of the device that are in use; 0 on a CPU."""
+        """Used memory of the device, bytes; 0 on a CPU."""
         if not self._on.is_cuda:
             return 0
         return int(self._on.total_memory - self._on.free_memory)
 
     def _run(self, name: str) -> None:
-        """Launch all kernels of a part; on a CUDA device as one graph.
+        """Launch all kernels of a reset or step; on a CUDA device as one graph.
 
-        Warp's stream and torch's default one wait for each other.
+        Warp's stream and torch's default stream wait for each other.
         """
         launch = self._launch_reset if name == "reset" else self._launch_step
         with wp.ScopedDevice(self._on):
@@ -176,7 +176,7 @@ class WarpWorlds(Worlds):
             wp.capture_launch(self._graphs[name])
 
     def _warm_up(self) -> None:
-        """Compile and load all kernels, as a graph is captured only of those that are there."""
+        """Compile and load all kernels, as a captured graph contains only loaded ones."""
         self._mask.fill_(True)
         if self._on.is_cuda:
             torch.cuda.synchronize(self.device)
@@ -204,7 +204,7 @@ class WarpWorlds(Worlds):
         if self.scene.sides:
             dim = (self.count, len(self._slider_qpos))
             wp.launch(_place, dim, [mask, self._slider_qpos, sliders], [d.qpos])
-        mjw.step1(m, d)  # in all worlds: the others' positions have not changed
+        mjw.step1(m, d)  # in all worlds: positions of the others are unchanged
         self._note_contacts()
 
     def _note_keys(self, substep: int) -> None:
@@ -235,10 +235,10 @@ class WarpWorlds(Worlds):
         seen = [name for name, bit in _BUFFERS.items() if ((self._overflow & int(bit)) != 0).any()]
         self._overflow.zero_()
         self._told += count
-        if self._told.bit_count() == 1 or self._told == count:  # at first, then ever more seldom
+        if self._told.bit_count() == 1 or self._told == count:  # at first, then ever more rarely
             warnings.warn(
-                f"Forces were left out in {count} of {self.count} worlds, as there was no room: "
-                f"expected larger {' and '.join(seen)} in physics_options.",
+                f"Forces were left out in {count} of {self.count} worlds, as buffers were too "
+                f"small: expected larger {' and '.join(seen)} in physics_options.",
                 BufferWarning,
                 stacklevel=2,
             )

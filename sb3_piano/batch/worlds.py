@@ -1,4 +1,4 @@
-"""What a physics has to offer that steps many worlds of one scene at once."""
+"""Interface of a physics engine that steps many worlds of one scene at once."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ Tensor = torch.Tensor
 
 
 class Worlds(ABC):
-    """N worlds of one scene; what is seen of them are tensors, whose first axis is the world.
+    """N worlds of one scene, with tensors whose first axis is the world.
 
-    After :meth:`reset` and :meth:`step` all of it is that of the present state but for the forces,
-    which are those of the last physics step, as in :class:`~sb3_piano.simulation.Simulation`.
+    After :meth:`reset` and :meth:`step` all tensors show the present state, except the forces:
+    these are from the last physics step, as in :class:`~sb3_piano.simulation.Simulation`.
     """
 
     qpos: Tensor
     """(N, nq) joint positions, rad or m."""
     qvel: Tensor
-    """(N, nv) their velocities."""
+    """(N, nv) joint velocities."""
     geom_xpos: Tensor
     """(N, ngeom, 3) positions of all shapes, m."""
     site_xpos: Tensor
@@ -38,38 +38,38 @@ class Worlds(ABC):
 
     @property
     def dtype(self) -> torch.dtype:
-        """Type of the numbers of the physics."""
+        """Number type of the physics."""
         return self.qpos.dtype
 
     @property
     @abstractmethod
     def geom_xmat(self) -> Tensor:
-        """(N, ngeom, 9) axes of all shapes; asked for before the first reset if at all."""
+        """(N, ngeom, 9) axes of all shapes; if needed, access it before the first reset."""
 
     @abstractmethod
     def key_angles(self, worlds: Tensor | slice) -> Tensor:
         """Return the angles of keys after each physics step of the last control step.
 
         Args:
-            worlds: n of the worlds.
+            worlds: Indices of n worlds.
 
         Returns:
-            (n, p, 88), rad; 0 of those that are rigid.
+            (n, p, 88), rad; 0 for rigid keys.
         """
 
     @abstractmethod
     def reset(self, mask: Tensor, sliders: Tensor | None = None) -> None:
-        """Put worlds to rest.
+        """Reset worlds to rest.
 
         Args:
-            mask: (N,) bool, those worlds; at least one.
-            sliders: (N,) where their hands begin along the keyboard, m; by default at 0.
+            mask: (N,) bool, worlds to reset; at least one.
+            sliders: (N,) start of their hands along the keyboard, m; by default 0.
         """
 
     @abstractmethod
     def step(self, controls: Tensor) -> None:
-        """Play a control step in all worlds, whose actuators are told (N, nu) targets."""
+        """Simulate a control step in all worlds, with (N, nu) actuator targets."""
 
     @abstractmethod
     def forearms_touch(self) -> Tensor:
-        """Return in which worlds a shape of one forearm touches one of the other, (N,) bool."""
+        """Return the worlds where shapes of both forearms touch, (N,) bool."""

@@ -1,4 +1,4 @@
-"""Parts of several commands."""
+"""Shared options, tables and messages of the commands."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
 
 TRUST = (
     "Trust: a run's model.zip is a Python pickle, and a config imports the modules that it names: "
-    "use those only of people whom you trust. What 'sb3-piano export' wrote has no pickles."
+    "load them only from people you trust. Folders written by 'sb3-piano export' have no pickles."
 )
-"""Part of the help of every command that loads a run, settings or a data set."""
+"""Epilogue of the help of each command that loads a run, settings or a data set."""
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
 _FILE_WIDTH = 160
-"""Room for a table in a file, in characters."""
+"""Width of a table in a file, in characters."""
 
-# See sb3_piano.training.evaluation.statistics.bootstrap_interval, where the figures come from.
+# Source of the figures: sb3_piano.training.evaluation.statistics.bootstrap_interval.
 _FEW_VALUES = 10
 
 
 class Paragraphs(argparse.HelpFormatter):
-    """Keep the paragraphs of a description apart, and lines that are indented as they are."""
+    """Help formatter that keeps paragraphs and indented lines of a description."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         paragraphs = [paragraph for paragraph in text.split("\n\n") if paragraph.strip()]
@@ -45,7 +45,7 @@ class Paragraphs(argparse.HelpFormatter):
 
 
 def whole_number(text: str) -> int:
-    """Read a whole number from 1 on, also written as ``1e5``."""
+    """Parse a whole number of at least 1, such as ``1000`` or ``1e5``."""
     try:
         number = float(text)
         if number < 1 or number != int(number):
@@ -58,42 +58,42 @@ def whole_number(text: str) -> int:
 
 
 _SHARED: dict[str, tuple[Any, ...]] = {
-    "--best": ("METRIC", "play the best model by f1 or onset_f1, not the last one"),
+    "--best": ("METRIC", "use the best model by f1 or onset_f1 instead of the last"),
     "--physics": (
         "NAME",
         "reference, faithful, fast-contacts, fast, faithful-capsules or fast-capsules; default: "
-        "what it was trained on",
+        "the physics of the training",
     ),
     "--config": (
         "FILE.yml|NAME",
         f"hyperparameters: a file, or one of {', '.join(NAMED)}; default: the algorithm's preset",
     ),
-    "--runs-dir": ("DIR", "where runs are kept; default: runs"),
-    "--run": ("DIR", "the run's folder, in place of one in --runs-dir"),
+    "--runs-dir": ("DIR", "folder of all runs; default: runs"),
+    "--run": ("DIR", "folder of this run; default: a new one in --runs-dir"),
     "--tree": (
         "NxD",
-        "look ahead before each action: N simulations of up to D control steps, such as 64x8; a "
-        "third number is the widening",
+        "search a tree before each action: N simulations of up to D control steps, such as 64x8; "
+        "a third number sets the widening",
     ),
     "--num-threads": (
         "N",
-        "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_NUM_THREADS says",
+        "torch threads; default: 1, or OMP_NUM_THREADS or MKL_NUM_THREADS",
         whole_number,
     ),
     "--matmul-precision": (
         "HOW",
-        "of torch's matrix products: highest (default), high or medium, which is faster on some "
-        "processors and rounds on some",
+        "precision of torch's matrix products: highest (default), high or medium; lower ones are "
+        "faster on some processors, and less exact on some",
     ),
-    "--csv": ("FILE", "write a row for each piece", Path),
-    "--json": ("FILE", "write everything, statistics included", Path),
+    "--csv": ("FILE", "write one row per piece to a CSV file", Path),
+    "--json": ("FILE", "write all results and statistics to a JSON file", Path),
     "--parts": (
         "NAME|N",
-        "of a MusicXML file: read these parts, by name or number; may be given several times",
+        "part of a MusicXML file to read, by name or number; repeatable",
     ),
-    "--no-progress": ("", "show no progress bar"),
+    "--no-progress": ("", "hide the progress bar"),
 }
-"""Metavar, help and type of options that several commands have."""
+"""Metavar, help and type of options shared by several commands."""
 
 Add = Callable[..., None]
 Run = Callable[[argparse.Namespace], int]
@@ -104,22 +104,22 @@ _Found = TypeVar("_Found")
 
 
 def add_command(commands: Any, name: str, run: Run, about: str, **options: Any) -> Add:
-    """Add a command of a command, and return what adds its arguments."""
+    """Add a subcommand; return a function that adds its arguments."""
     return command(commands.add_parser(name, help=about), run, **options)
 
 
 def command(parser: Any, run: Run, *, description: str = "", epilog: str = "") -> Add:
-    """Let a parser be that of a command, and return what adds its arguments."""
+    """Set the parser of a command up; return a function that adds its arguments."""
     parser.set_defaults(command=run)
     parser.description, parser.epilog = description, epilog
     return adder(parser)
 
 
 def adder(parser: Any) -> Add:
-    """Return what adds an argument by its name, metavar, help, type and default.
+    """Return a function that adds an argument: name, metavar, help, type and default.
 
-    An option that several commands have needs its name only, and what is different here. One
-    without a metavar is a flag. A default is told after the help, unless that speaks of it.
+    A shared option needs only its name and the values that differ. An option without a metavar is
+    a flag. The help ends with the default, unless it mentions a default itself.
     """
 
     def add(
@@ -146,21 +146,21 @@ def adder(parser: Any) -> Add:
 
 
 def add_piece_arguments(add: Add) -> None:
-    """Add the arguments that say what is played: ``--env``, ``--midi`` and ``--fingering``."""
-    add("--env", "ID", "environment id; 'sb3-piano envs' lists ours")
-    add("--midi --score", "FILE", "play a file, such as MIDI, or a piece by its name")
+    """Add the arguments that choose the piece: ``--env``, ``--midi`` and ``--fingering``."""
+    add("--env", "ID", "environment id, from 'sb3-piano envs' or another package")
+    add("--midi --score", "FILE", "piece to play: its name, or a file such as MIDI")
     add(
         "--fingering",
         "HOW",
-        "keep (default): labels as they are; ergonomic: find fingers for notes without; "
-        "robot: those that suit the simulated hands; optimal-transport: no labels; or a file",
+        "finger labels: those of the score (keep, default), missing ones computed (ergonomic), "
+        "adapted to the simulated hands (robot), none (optimal-transport), or from a file",
     )
 
 
 def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[str, dict[str, Any]]:
-    """Return the environment that ``--env`` and ``--midi`` stand for, and settings to go with it.
+    """Return the environment id of ``--env`` and ``--midi``, and its settings.
 
-    ``instead`` is what else the command takes, for the error if neither is given.
+    ``instead`` names the command's other options, for the error if neither is given.
     """
     from sb3_piano.envs import GENERAL_ID
 
@@ -179,7 +179,7 @@ def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[st
 
 
 def env_options(settings: Iterable[str]) -> dict[str, Any]:
-    """Return the options of an environment that ``--set`` was given as ``NAME=VALUE``."""
+    """Parse environment options given as ``--set NAME=VALUE``."""
     from sb3_piano.training.configuration.plain_yaml import parse_yaml
 
     found = {}
@@ -197,9 +197,9 @@ def env_options(settings: Iterable[str]) -> dict[str, Any]:
 def refuse_options(
     arguments: argparse.Namespace, names: Iterable[str], with_what: str, instead: str = ""
 ) -> None:
-    """Refuse options that were given, by the names of their values.
+    """Raise ConfigError if one of the named options was given.
 
-    The message says that one cannot be given ``with_what``, and what is expected ``instead``.
+    The message says that it cannot be given ``with_what``, and what to do ``instead``.
     """
     for name in names:
         value = getattr(arguments, name)
@@ -210,7 +210,7 @@ def refuse_options(
 
 
 def check_output_file(option: str, file: Path | None) -> None:
-    """Refuse a file that cannot be written, before anything is done."""
+    """Raise ConfigError if a file cannot be written."""
     if file is None:
         return
     from sb3_piano.files import check_writable
@@ -223,15 +223,15 @@ def check_output_file(option: str, file: Path | None) -> None:
         ) from error
 
 
-def tell_errors(*errors: object) -> int:
-    """Print errors after which a command went on, and return the exit status."""
+def print_errors(*errors: object) -> int:
+    """Print errors to standard error; return the exit status."""
     for error in errors:
         print(f"sb3-piano: error: {error}", file=sys.stderr)
     return EXIT_ERROR if errors else EXIT_OK
 
 
-def tell_interrupted(interrupted: bool, status: int = EXIT_OK, hint: str = ".") -> int:
-    """Say that Ctrl-C ended a command early, if it did, and return the exit status."""
+def print_interrupted(interrupted: bool, status: int = EXIT_OK, hint: str = ".") -> int:
+    """Print a note if Ctrl-C ended the command; return the exit status."""
     if not interrupted:
         return status
     print(f"sb3-piano: interrupted{hint}", file=sys.stderr)
@@ -239,7 +239,7 @@ def tell_interrupted(interrupted: bool, status: int = EXIT_OK, hint: str = ".") 
 
 
 def new_table(*headings: str, left: int = 1, **options: Any) -> Table:
-    """Return a table of rich's without rows, whose first columns are aligned to the left."""
+    """Return an empty table of rich with its first ``left`` columns aligned to the left."""
     from rich.table import Table
 
     table = Table(**options)
@@ -249,24 +249,24 @@ def new_table(*headings: str, left: int = 1, **options: Any) -> Table:
 
 
 def add_row(table: Table, *cells: str, style: str = "") -> None:
-    """Add a row of plain text, in which no markup is looked for."""
+    """Add a row of plain text, without markup."""
     from rich.text import Text
 
     table.add_row(*(Text(escaped(cell), style=style) for cell in cells))
 
 
 def print_table(table: Table) -> None:
-    """Print a table of rich's, with all the room it needs where no terminal limits it."""
+    """Print a table of rich; without a terminal, at its full width."""
     from rich.console import Console
 
     console = Console()
     if not console.is_terminal:
-        console.width = max(console.width, _FILE_WIDTH)  # rich takes a file for 80 columns wide
+        console.width = max(console.width, _FILE_WIDTH)  # rich assumes 80 columns for a file
     console.print(table)
 
 
 def print_narrowness(n_values: int) -> None:
-    """Say that intervals from few values promise too much, if there are few."""
+    """Print a warning if an interval comes from too few values."""
     if n_values < _FEW_VALUES:
         print(
             f"An interval from so few values ({n_values}) is too narrow: 3 cover the mean in "
@@ -278,10 +278,10 @@ def print_narrowness(n_values: int) -> None:
 def progress_bar(
     arguments: argparse.Namespace, text: str, columns: Sequence[Any] = ()
 ) -> Iterator[Callable[..., Any]]:
-    """Show a bar on a terminal's standard error, unless ``--no-progress`` is given.
+    """Show a progress bar on a terminal's standard error, unless ``--no-progress`` is given.
 
-    Gives a function that takes what ``rich.progress.Progress.update`` does, such as ``advance``,
-    ``completed`` and ``total``; the first call brings up the bar.
+    Yields a function with the arguments of ``rich.progress.Progress.update``, such as ``advance``,
+    ``completed`` and ``total``. Its first call shows the bar.
     """
     from rich.console import Console
     from rich.progress import MofNCompleteColumn, Progress
@@ -307,7 +307,7 @@ def progress_bar(
 
 
 def tracked(arguments: argparse.Namespace, text: str, items: Iterable[_Item]) -> Iterator[_Item]:
-    """Yield items while a bar shows how many are done."""
+    """Yield items and show a progress bar."""
     several = list(items)
     with progress_bar(arguments, text) as tell:
         for done, item in enumerate(several):
@@ -315,15 +315,15 @@ def tracked(arguments: argparse.Namespace, text: str, items: Iterable[_Item]) ->
             yield item
 
 
-def of_each(
+def compute_each(
     items: Iterable[tuple[_Key, _Item]],
     compute: Callable[[_Item], _Found | None],
     failures: list[str],
     failed: str = "{error}",
 ) -> dict[_Key, _Found]:
-    """Return what is computed of each item by its name, without those of which nothing is.
+    """Compute a value for each item; items whose value is ``None`` are left out.
 
-    An error of one item goes to the failures and does not stop the others.
+    An error of one item is added to ``failures`` and does not stop the others.
     """
     results = {}
     for name, item in items:

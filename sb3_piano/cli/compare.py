@@ -1,4 +1,4 @@
-"""``sb3-piano compare``: two sets of evaluations, piece by piece."""
+"""``sb3-piano compare``: compare two sets of evaluations, piece by piece."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
     from sb3_piano.training.evaluation.comparison import Comparison, MetricComparison
 
 _BY_HELP = (
-    "pair the means of each piece (default), or those of each seed of a piece: of the evaluation, "
-    "or of the training"
+    "unit of a pair: the mean of a piece (default), or of a piece and evaluation seed, or of a "
+    "piece and training seed"
 )
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _compare)
-    add("a", "A", "a JSON file of evaluate, an evaluated run, or a folder of evaluated runs")
-    add("b", "B", "likewise; differences are B - A")
-    add("--metric", "NAME", "such as f1; may be given several times", action="append")
+    add("a", "A", "a JSON file from evaluate, an evaluated run, or a folder of evaluated runs")
+    add("b", "B", "as A; differences are B - A")
+    add("--metric", "NAME", "metric to compare, such as f1; repeatable", action="append")
     by = ("piece", "seed", "training-seed")
     add("--by", text=_BY_HELP, default="piece", choices=by)
-    add("--csv", text="write a row for each metric and pair")
+    add("--csv", text="write one row per metric and pair to a CSV file")
     add("--json")
-    add("--plot", "FILE", "draw the sorted differences: a .png, .svg or .pdf", Path)
+    add("--plot", "FILE", "plot the sorted differences to a .png, .svg or .pdf", Path)
 
 
 def _compare(arguments: argparse.Namespace) -> int:
@@ -75,7 +75,7 @@ def _show_comparison(comparison: Comparison) -> None:
 
 
 def _pairs_table(comparison: Comparison) -> Table:
-    """Return each pair of each metric."""
+    """Return a table of all pairs of each metric."""
     table = new_table("pair", "A", "B", "B - A")
     for found in comparison.metrics:
         table.add_section()
@@ -87,7 +87,7 @@ def _pairs_table(comparison: Comparison) -> Table:
 
 
 def _summary_table(comparison: Comparison) -> Table:
-    """Return the statistics of each metric."""
+    """Return a table of the statistics of each metric."""
     headings = ("mean A", "mean B", "B - A", "95 % interval", "A < B", "A <= B", "Wilcoxon p")
     table = new_table("metric", *headings)
     for found in comparison.metrics:
@@ -112,7 +112,7 @@ def _signed(metric: str, value: float) -> str:
 
 
 def _notes(comparison: Comparison) -> Iterator[str]:
-    """Yield in words what the tables do not tell."""
+    """Yield notes on facts that the tables do not show."""
     if comparison.physics_a != comparison.physics_b or len(comparison.physics_a) > 1:
         yield (
             f"Not played on the same physics: A on {' and '.join(comparison.physics_a)}, B on "

@@ -1,4 +1,4 @@
-"""``sb3-piano corpus``: performances of many pieces, recorded by many processes."""
+"""``sb3-piano corpus``: record demonstrations of many pieces with many processes."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from sb3_piano.cli.common import (
     command,
     env_options,
     new_table,
+    print_interrupted,
     print_table,
     progress_bar,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.play import PLAYERS_HELP
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from sb3_piano.demonstrations.corpus import RecordedCorpus
 
 _PIECES = (
-    "names of pieces, files, patterns such as 'scale-*' or '~/midi/**/*.mid', collections such as "
+    "pieces: names, files, patterns such as 'scale-*' or '~/midi/**/*.mid', collections such as "
     "repertoire, or lists in .txt files"
 )
-_PLAYERS = f"each plays every excerpt; default: planned; {PLAYERS_HELP}"
+_PLAYERS = f"players of every excerpt: {PLAYERS_HELP}; default: planned"
 _FIELDS = ("excerpts", "seconds", "episodes", "noise", "start", "by_hand", "shard", "seed")
-_SET = "an option of the environment, such as observation=roll; of no run"
+_SET = "environment option, such as observation=roll; not for a run; repeatable"
 
 
 def add_arguments(parser: Any) -> None:
@@ -41,13 +41,13 @@ def add_arguments(parser: Any) -> None:
 
     add = command(parser, _corpus, epilog=TRUST)
     add("pieces", "PIECE", _PIECES, nargs="+")
-    add("--out", "FOLDER", "a new folder; the same command goes on in it", required=True)
+    add("--out", "FOLDER", "folder of the corpus; the same command resumes it", required=True)
     add("--players", "PLAYER", _PLAYERS, nargs="+")
     add_settings(add, CorpusConfig, *_FIELDS)
     add("--set", "NAME=VALUE", _SET, action="append")
-    add("--status", text="say how far each shard is, also while it is recorded, and end")
-    add("--workers", "N", "processes; default: one for each core", whole_number)
-    add("--ray", "ADDRESS", "record on a cluster of Ray, whose nodes see the same folders")
+    add("--status", text="print the state of each shard, also while recording, and exit")
+    add("--workers", "N", "worker processes; default: one per core", whole_number)
+    add("--ray", "ADDRESS", "address of a Ray cluster; all nodes must see the same folders")
     add("--no-progress")
 
 
@@ -77,7 +77,7 @@ def _corpus(arguments: argparse.Namespace) -> int:
             on_progress=lambda done, total: tell(completed=done, total=total),
         )
     if corpus is None:
-        return tell_interrupted(True, hint="; the same command goes on.")
+        return print_interrupted(True, hint="; the same command resumes it.")
     _show(corpus)
     return EXIT_OK
 

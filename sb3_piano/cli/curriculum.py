@@ -1,4 +1,4 @@
-"""``sb3-piano curriculum``: train stages one after the other, each from the one before."""
+"""``sb3-piano curriculum``: train stages, each from the model of the stage before."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sb3_piano.jobs import Job, Outcome
     from sb3_piano.pipelines.training import Trained
 
-_RUN_HELP = "the curriculum's folder; default: runs/curricula/NAME, after FILE"
+_RUN_HELP = "folder of the curriculum; default: runs/curricula/NAME, after FILE"
 _METRICS = ("f1", "onset_f1")
 _NOTHING = "-"
 
@@ -35,13 +35,13 @@ _NOTHING = "-"
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _curriculum, epilog=TRUST)
-    add("file", "FILE", "YAML file of the stages; the same command goes on with them", nargs="?")
+    add("file", "FILE", "YAML file of the stages; the same command resumes them", nargs="?")
     add("--run", "FOLDER", _RUN_HELP)
     add("--runs-dir")
     add("--seed", "N", "seed of every stage; default: the file's, or drawn", int)
-    add("--resume", "FOLDER", "go on with the curriculum in this folder, without its file")
-    add("--checkpoint-every", "N", "default: 10000 steps", whole_number)
-    add("--status", text="say how far each stage is, also while it is running, and end")
+    add("--resume", "FOLDER", "resume the curriculum in this folder, without its file")
+    add("--checkpoint-every", "N", "steps between checkpoints; default: 10000", whole_number)
+    add("--status", text="print the progress of each stage, also while it trains, and exit")
     add("--evaluate", text="evaluate the model of the last stage afterwards")
     add("--no-progress")
 

@@ -1,4 +1,4 @@
-"""``sb3-piano record`` and ``clone``: performances as a data set, and a run that imitates one."""
+"""``sb3-piano record`` and ``clone``: record demonstrations, and clone them into a run."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
     command,
+    print_interrupted,
     progress_bar,
     refuse_options,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.evaluate import evaluate_run
@@ -34,28 +34,27 @@ if TYPE_CHECKING:
     from sb3_piano.training import EnvSpec
 
 _NOISE = [0.0, 0.03, 0.06, 0.1]
-"""Standard deviations, rad, with which learners see how the planned pianist recovers: of a scale
-that was recorded without noise they learned an F1 of 0.68, of one with it 0.93."""
+"""Standard deviations, rad, of noise on actions. Learners see how the planned pianist recovers:
+on a scale, clones reached F1 0.68 without noise and 0.93 with it."""
 
 _WHAT = (
-    "a run's folder, whose model plays; or what a planned pianist plays: an environment, a file "
-    "such as MIDI, or a piece"
+    "a run's folder, to record its model; or a piece for the player: its name, a file such as "
+    "MIDI, or an environment id"
 )
-_PLAYER = f"of no run; default: planned; {PLAYERS_HELP}"
+_PLAYER = f"not for a run: {PLAYERS_HELP}; default: planned"
 _NOISE_HELP = (
-    "standard deviations of noise on the actions, in turns; default: 0 0.03 0.06 0.1 for a planned "
+    "standard deviations of action noise, used in turn; default: 0 0.03 0.06 0.1 for a planned "
     "pianist, 0 for a run"
 )
 _SET_HELP = (
-    "an option of the environment, such as initial_buffer_time=0.5; of no run; may be given "
-    "several times; by default it observes by finger"
+    "environment option, such as initial_buffer_time=0.5; not for a run; repeatable; "
+    "default: observation=fingers"
 )
 _DATASET = (
-    "name of a data set, such as 'sb3-piano record' writes, or the folder of a corpus, from "
-    "'sb3-piano corpus'"
+    "name of a data set from 'sb3-piano record', or folder of a corpus from 'sb3-piano corpus'"
 )
 _BUFFER = (
-    "transitions in memory; a larger corpus is read shard by shard in each epoch; default: 2e6"
+    "transitions in memory; larger corpora are read shard by shard in each epoch; default: 2e6"
 )
 
 
@@ -63,19 +62,17 @@ def add_record_arguments(parser: Any) -> None:
     """Add the arguments of ``record``."""
     add = command(parser, _record, epilog=TRUST)
     add("what", "RUN|ENV_ID|PIECE", _WHAT)
-    add(
-        "--player --policy", "PLAYER", f"of no run; default: planned; {PLAYERS_HELP}", dest="player"
-    )
-    add("--weights", "FILE", argparse.SUPPRESS)  # of former versions
-    add("--out", "ID", "the data set's name; default: robopianist/PIECE/POLICY-v0")
-    add("--overwrite", text="replace a data set of this name")
-    add("--episodes", "N", "", whole_number, 24)
+    add("--player --policy", "PLAYER", _PLAYER, dest="player")
+    add("--weights", "FILE", argparse.SUPPRESS)  # deprecated
+    add("--out", "ID", "name of the data set; default: robopianist/PIECE/POLICY-v0")
+    add("--overwrite", text="replace an existing data set")
+    add("--episodes", "N", "number of episodes", whole_number, 24)
     add("--noise", "RAD", _NOISE_HELP, float, nargs="+")
-    add("--start", "RAD", "standard deviation of the joints at the start; default: 0", float, 0.0)
-    add("--seed", "N", "", int, 0)
-    add("--fingering", "HOW", "as for train, of no run; default: ergonomic")
+    add("--start", "RAD", "standard deviation of joint angles at the start; default: 0", float, 0.0)
+    add("--seed", "N", "random seed", int, 0)
+    add("--fingering", "HOW", "finger labels, as for train; not for a run; default: ergonomic")
     add("--set", "NAME=VALUE", _SET_HELP, action="append")
-    add("--best", text="the run's best model by f1 or onset_f1, not the last one")
+    add("--best", text="use the run's best model by f1 or onset_f1 instead of the last")
     add("--no-progress")
 
 
@@ -83,16 +80,16 @@ def add_clone_arguments(parser: Any) -> None:
     """Add the arguments of ``clone``."""
     add = command(parser, _clone, epilog=TRUST)
     add("dataset", "DATASET|FOLDER", _DATASET)
-    add("--algo", "NAME", "sac (default), td3, tqc or ddpg", default=DEFAULT_ALGORITHM)
+    add("--algo", "NAME", "algorithm: sac (default), td3, tqc or ddpg", default=DEFAULT_ALGORITHM)
     add("--config")
-    add("--epochs", "N", "", whole_number, 60)
-    add("--batch-size", "N", "", whole_number, 256)
-    add("--learning-rate", "X", "at first", float, 1e-3)
+    add("--epochs", "N", "passes over the data set", whole_number, 60)
+    add("--batch-size", "N", "transitions per gradient step", whole_number, 256)
+    add("--learning-rate", "X", "initial learning rate", float, 1e-3)
     add("--buffer", "N", _BUFFER, whole_number)
     add("--hidden", "N", "sizes of the hidden layers", whole_number, [512, 512], nargs="+")
-    add("--no-normalize", text="give the observations as they are")
-    add("--prefill", text="let training on begin with the data set in the replay buffer")
-    add("--seed", "N", "default: drawn, and noted in the run's folder", int)
+    add("--no-normalize", text="do not standardize observations")
+    add("--prefill", text="fill the replay buffer with the data set, for later training")
+    add("--seed", "N", "random seed; default: drawn, saved in the run's folder", int)
     add("--runs-dir", default="runs")
     add("--run")
     add("--no-progress")
@@ -102,7 +99,7 @@ def add_clone_arguments(parser: Any) -> None:
 def _record(arguments: argparse.Namespace) -> int:
     from sb3_piano.demonstrations import record, require_minari
 
-    require_minari()  # before anything is planned
+    require_minari()  # before planning
 
     with (
         _player(arguments) as (policy, env, default_id),
@@ -121,14 +118,14 @@ def _record(arguments: argparse.Namespace) -> int:
             on_episode=lambda notes: tell(advance=1),
         )
     _show(recorded)
-    return tell_interrupted(recorded.interrupted)
+    return print_interrupted(recorded.interrupted)
 
 
 @contextlib.contextmanager
 def _player(
     arguments: argparse.Namespace,
 ) -> Iterator[tuple[Player, gym.Env[Any, Any], str]]:
-    """Give who plays, where, and what the data set is called by default."""
+    """Yield the player, its environment and the default name of the data set."""
     from sb3_piano.training import RunFolder
     from sb3_piano.training.playing.recording import player_to_record
     from sb3_piano.training.playing.run_player import titles_of_copies
@@ -159,14 +156,14 @@ def _stage(arguments: argparse.Namespace, player: str) -> EnvSpec:
     from sb3_piano.music.fingering.apply import FINGERINGS
 
     options: dict[str, Any] = {"observation": "fingers", "fingering": "ergonomic"}
-    if player == "sight-reader":  # which knows no other
+    if player == "sight-reader":  # the only action space of its network
         options["reduced_action_space"] = False
     if arguments.fingering is not None:
         options["fingering"] = arguments.fingering
         if arguments.fingering not in FINGERINGS:
             options["fingering"] = os.path.realpath(arguments.fingering)
     if is_path(arguments.what) and os.path.exists(arguments.what):
-        arguments.what = os.path.realpath(arguments.what)  # the data set lies elsewhere
+        arguments.what = os.path.realpath(arguments.what)  # data sets are in another folder
     return stage_of(arguments, defaults={}, **options)
 
 
@@ -204,8 +201,8 @@ def _clone(arguments: argparse.Namespace) -> int:
     from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
     from sb3_piano.training import clone
 
-    told = TextColumn("loss {task.fields[loss]:.2g}")
-    with progress_bar(arguments, "epochs", [told]) as tell:
+    loss = TextColumn("loss {task.fields[loss]:.2g}")
+    with progress_bar(arguments, "epochs", [loss]) as tell:
         tell(total=arguments.epochs, loss=float("nan"))
         result = clone(
             arguments.dataset,

@@ -1,4 +1,4 @@
-"""``sb3-piano evaluate``: what trained models reach, alone and beside others."""
+"""``sb3-piano evaluate``: scores of trained models and other players, alone or compared."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from sb3_piano.cli.common import (
     adder,
     command,
     new_table,
+    print_errors,
+    print_interrupted,
     print_narrowness,
     print_table,
     progress_bar,
-    tell_errors,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.losses import HELP, print_losses
@@ -43,53 +43,52 @@ _SHARES = {
     "shares, left thumb to little": FINGER_SHARES[5:],
 }
 _EQUAL_F1 = 0.0005
-"""Difference of F1 below which a table shows no difference."""
+"""Difference of F1 that a table rounds to 0."""
 _METRICS_IN_TABLE = 5
-"""As many as fit beside each other on most terminals."""
+"""Columns of metrics that fit on most terminals."""
 
 _SCORE_HELP = (
-    "a file, such as MIDI, or a piece's name, to be played in place of each run's own piece; may "
-    "be given several times"
+    "piece to play instead of each run's own: its name, or a file such as MIDI; repeatable"
 )
-_MOTION_HELP = "also write how everything moved, as performance_<i>.npz beside each MIDI file"
+_MOTION_HELP = "also write all motion to performance_<i>.npz beside each MIDI file"
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _evaluate, epilog=TRUST)
     either = adder(parser.add_mutually_exclusive_group())
-    who = "a folder that train made, or another player, which needs --score; several are compared"
+    who = "a run's folder, or another player (needs --score); several are compared"
     add("runs", "RUN|PLAYER", who, nargs="+")
-    add("--episodes", "N", "of each seed", whole_number, 1)
-    either("--seed", "N", "", int, 0)
-    either("--seeds", "N", "several, in its place", int, nargs="+")
+    add("--episodes", "N", "episodes per seed", whole_number, 1)
+    either("--seed", "N", "random seed", int, 0)
+    either("--seeds", "N", "several random seeds", int, nargs="+")
     add("--score", "PIECE", _SCORE_HELP, action="append")
     add("--physics")
     add("--best")
     add("--tree")
     add("--motion", text=_MOTION_HELP)
-    add("--metrics", "NAME", "show these, such as f1 onset_f1 return", nargs="+")
+    add("--metrics", "NAME", "metrics to show, such as f1 onset_f1 return", nargs="+")
     add("--losses", text=HELP)
-    add("--csv", text="write a row for each episode")
+    add("--csv", text="write one row per episode to a CSV file")
     add("--json")
     add("--no-progress")
 
 
 def evaluate_run(run: str) -> None:
-    """Evaluate a run and print what was found."""
+    """Evaluate a run and print the results."""
     from sb3_piano.training import evaluate
 
     _show_one(evaluate(run))
 
 
 def label(name: str) -> str:
-    """Return what a metric is called where it stands alone; one from elsewhere by its name."""
+    """Return the full label of a metric; the name of an unknown one."""
     known = definition_of(name)
     return _with_unit(known.label, known.unit)
 
 
 def rounded(name: str, *values: float) -> str:
-    """Return the value of a metric, or both ends of an interval, with its number of decimals."""
+    """Format a value of a metric, or both ends of an interval, with the metric's decimals."""
     return "..".join(map(definition_of(name).rounded, values))
 
 
@@ -132,7 +131,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         if arguments.json is not None:
             found.write_json(arguments.json)
             print(f"Everything:  {arguments.json}")
-    return tell_interrupted(found.interrupted, tell_errors(*found.failures))
+    return print_interrupted(found.interrupted, print_errors(*found.failures))
 
 
 def _n_pieces(run: str) -> int:
@@ -141,7 +140,7 @@ def _n_pieces(run: str) -> int:
 
     try:
         return len(pieces_of(RunFolder.open(run)))
-    except SB3PianoError:  # it is told when it is to be evaluated
+    except SB3PianoError:  # reported by its evaluation
         return 1
 
 
@@ -195,7 +194,7 @@ def _show_one(evaluation: Evaluation, metrics: list[str] | None = None) -> None:
 
 
 def _show_losses(evaluations: Sequence[Evaluation]) -> None:
-    """Print where each run loses frames, all its pieces together."""
+    """Print the losses of each run, summed over its pieces."""
     from sb3_piano.metrics import Losses
 
     for run, group in itertools.groupby(evaluations, key=lambda found: found.run):
@@ -204,11 +203,11 @@ def _show_losses(evaluations: Sequence[Evaluation]) -> None:
         if losses:
             print_losses(Losses.sum_of(losses))
         else:
-            print("It plays no piano: there are none.")
+            print("none, as its environment is no piano")
 
 
 def _list_files(evaluations: Sequence[Evaluation]) -> None:
-    """Print what was written of a run, all its pieces together."""
+    """Print the files of a run, over all its pieces."""
     metrics_file = evaluations[0].metrics_file
     if metrics_file is None:
         return
@@ -232,7 +231,7 @@ def _list_files(evaluations: Sequence[Evaluation]) -> None:
 
 
 def _one_run_table(evaluation: Evaluation, metrics: Sequence[str] | None) -> Table:
-    """Return all metrics of one evaluation, or the named ones, by section."""
+    """Return a table of all metrics of an evaluation, or of the named ones, by section."""
     mean, baseline = evaluation.mean, evaluation.baseline
     has_interval, has_baseline = evaluation.has_interval, baseline is not None
     headings = ["metric", "policy (mean ± std)" if len(evaluation.episodes) > 1 else "policy"]
@@ -263,7 +262,7 @@ def _one_run_table(evaluation: Evaluation, metrics: Sequence[str] | None) -> Tab
 def _several_runs_table(
     evaluations: Sequence[Evaluation], metrics: Sequence[str], parent: Path
 ) -> Table:
-    """Return named metrics of several evaluations by piece, and 95 % intervals under the means."""
+    """Return a table of several evaluations by piece: means over their 95 % intervals."""
     table = new_table("piece and run", *(label(name).replace(" ", "\n") for name in metrics))
     for column in table.columns[1:]:
         column.no_wrap = True
@@ -291,7 +290,7 @@ def _several_runs_table(
 def _add_means(
     table: Table, evaluations: Sequence[Evaluation], metrics: Sequence[str], parent: Path
 ) -> None:
-    """Add each run's means over its pieces, also without those that it plays as if it rested."""
+    """Add each run's means over all pieces, and over those where its F1 differs from rest."""
     by_run: dict[Path, list[Evaluation]] = defaultdict(list)
     for evaluation in evaluations:
         by_run[evaluation.run].append(evaluation)
@@ -311,7 +310,7 @@ def _add_means(
 
 
 def _mean(evaluations: Sequence[Evaluation], name: str) -> str:
-    """Return the mean of a metric over pieces, and its 95 % interval under it."""
+    """Format the mean of a metric over pieces, with its 95 % interval below."""
     from sb3_piano.training.evaluation.statistics import summarize
 
     means = [found.mean[name] for found in evaluations if has_value(name, found.mean)]
@@ -323,14 +322,14 @@ def _mean(evaluations: Sequence[Evaluation], name: str) -> str:
 
 
 def _as_if_resting(evaluation: Evaluation) -> bool:
-    """Return whether a piece was played no other than by hands that rest, by its F1."""
+    """Return whether the F1 equals that of resting hands."""
     if evaluation.baseline is None or not has_value("f1", evaluation.mean):
         return False
     return abs(evaluation.mean["f1"] - evaluation.baseline["f1"]) < _EQUAL_F1
 
 
 def _common_parent(evaluations: Iterable[Evaluation]) -> Path:
-    """Return the nearest folder that all runs are in; ``.`` if they share none."""
+    """Return the nearest common folder of all runs; ``.`` if they share none."""
     try:
         return Path(os.path.commonpath([evaluation.run.parent for evaluation in evaluations]))
     except ValueError:  # absolute and relative ones
@@ -344,11 +343,11 @@ def _shares(metrics: Mapping[str, float], names: Sequence[str]) -> str:
 
 
 def _value(metrics: Mapping[str, float], name: str) -> str:
-    """Return a rounded value; a dash where there is none."""
+    """Format a value; a dash if it is missing."""
     return rounded(name, metrics[name]) if has_value(name, metrics) else _NOTHING
 
 
 def _interval(evaluation: Evaluation, name: str) -> str:
-    """Return the 95 % interval of a mean; nothing where there is none."""
+    """Format the 95 % interval of a mean; empty if it is missing."""
     interval = evaluation.summary[name].interval if has_value(name, evaluation.mean) else None
     return "" if interval is None else rounded(name, *interval)

@@ -1,4 +1,4 @@
-"""``sb3-piano export RUN``: a run for others to play."""
+"""``sb3-piano export RUN``: export a run without pickles."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Any
 
 from sb3_piano.cli.common import (
     EXIT_OK,
+    print_errors,
     progress_bar,
-    tell_errors,
     whole_number,
 )
 
 RUN_OPTIONS = ("best", "episodes", "no_video", "push_to_hub")
-"""Options that are of runs alone."""
+"""Options for runs only."""
 
 
 def add_run_arguments(add: Callable[..., Any]) -> None:
     """Add the options of a run's export."""
-    add("--best", text="of a run: the best model by f1 or onset_f1, not the last one")
-    add("--episodes", "N", "that the card of a run tells of; default: 5", whole_number)
+    add("--best", text="of a run: use the best model by f1 or onset_f1 instead of the last")
+    add("--episodes", "N", "of a run: episodes for the model card; default: 5", whole_number)
     add("--no-video", text="of a run: without replay.mp4")
-    add("--push-to-hub", "REPO", "publish the folder as OWNER/NAME on the Hugging Face Hub, too")
+    add("--push-to-hub", "REPO", "also publish the folder as OWNER/NAME on the Hugging Face Hub")
 
 
 def export_run_folder(arguments: argparse.Namespace) -> int:
@@ -46,10 +46,10 @@ def export_run_folder(arguments: argparse.Namespace) -> int:
             progress=lambda done, total: tell(description="Video", completed=done, total=total),
         )
     print(f"Exported: {exported.path}")
-    print("          no file in it is a pickle; run.yml and README.md tell how it was trained")
+    print("          without pickles; run.yml and README.md describe the training")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(exported.path))}")
     if arguments.push_to_hub is not None:
         print(f"Hub:      {push_to_hub(exported, arguments.push_to_hub)}")
     if not arguments.no_video and not exported.video_file.is_file():
-        return tell_errors("There is no video: the run is of no piano, or nothing can draw here.")
+        return print_errors("There is no video: no piano environment, or no renderer here.")
     return EXIT_OK

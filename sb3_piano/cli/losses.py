@@ -1,16 +1,16 @@
-"""The table that ``--losses`` shows: where frames are lost, and where wrong ones come from."""
+"""Tables of ``--losses``: missed and wrong frames by finger, key and chord."""
 
 from __future__ import annotations
 
 from sb3_piano.cli.common import add_row, new_table, print_table
 from sb3_piano.metrics.losses import ALL, DUE_KINDS, WRONG_KINDS, Counts, Losses, shares_of
 
-HELP = "also show where due notes are lost and where wrong ones come from, by finger, key, chord"
+HELP = "also show missed and wrong frames by finger, key and chord"
 _NOTHING = "-"
 
 
 def print_losses(losses: Losses) -> None:
-    """Print the shares of due and of wrong frames in each group."""
+    """Print the shares of due and wrong frames in each group."""
     _print("due", losses.due, DUE_KINDS, "No key was due.")
     _print("wrong", losses.wrong, WRONG_KINDS, "No wrong key sounded.")
 

@@ -1,4 +1,4 @@
-"""The command line: find the command, run it, tell what went wrong."""
+"""Command line: find the command, run it, print errors."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from sb3_piano.cli.common import (
     Paragraphs,
     check_output_file,
     command,
-    tell_errors,
-    tell_interrupted,
+    print_errors,
+    print_interrupted,
 )
 from sb3_piano.exceptions import (
     PlanWarning,
@@ -38,12 +38,12 @@ from sb3_piano.text import escaped, shortened
 COMMANDS = {
     "train": (
         "train:add_arguments",
-        "train a model, or go on training one",
+        "train a model, or resume a training",
         "train --env RoboPianist-debug-CMajorScaleTwoHands-v0 --config fast",
     ),
     "curriculum": (
         "curriculum:add_arguments",
-        "train stages one after the other, each from what the one before has learnt",
+        "train a curriculum: each stage starts from the previous model",
         "curriculum curriculum.yml --run runs/curriculum",
     ),
     "sweep": (
@@ -53,7 +53,7 @@ COMMANDS = {
     ),
     "plan": (
         "plan:add_arguments",
-        "plan a piece, and refine the plan in simulation",
+        "plan a piece and refine the plan in simulation",
         "plan my.mid --refine 5 --out my.npz",
     ),
     "tune": (
@@ -63,57 +63,57 @@ COMMANDS = {
     ),
     "evaluate": (
         "evaluate:add_arguments",
-        "let trained models and other players play, and score them",
+        "evaluate trained models and other players",
         "evaluate runs/sac/RoboPianist-v0_1 --episodes 5",
     ),
     "compare": (
         "compare:add_arguments",
-        "compare two evaluations piece by piece",
+        "compare two sets of evaluations, piece by piece",
         "compare before.json after.json",
     ),
     "results": (
         "sb3_piano.lab.results.command:add_arguments",
-        "measure, check and tabulate evaluations that others can check",
+        "measure, check and tabulate reproducible results of players",
         "results check results.json --all",
     ),
     "play": (
         "play:add_arguments",
-        "watch and hear who plays a piece",
+        "play a piece, and write video, sound and MIDI",
         "play my.mid --view close",
     ),
     "report": (
         "play:add_report_arguments",
-        "write an HTML page: piano roll, fingers, reward, training",
+        "write an HTML report: piano roll, fingers, reward, training",
         "report runs/sac/RoboPianist-v0_1",
     ),
     "record": (
         "demonstrations:add_record_arguments",
-        "write performances as a data set to learn from",
+        "record performances as a data set of demonstrations",
         "record my.mid --out piano/my-v0 --episodes 20",
     ),
     "clone": (
         "demonstrations:add_clone_arguments",
-        "make a run whose model imitates a data set",
+        "train a model by behavioural cloning of a data set",
         "clone piano/my-v0 --algo sac",
     ),
     "corpus": (
         "corpus:add_arguments",
-        "record a corpus of performances of many pieces, or go on recording it",
-        "corpus corpus.yml --out corpus",
+        "record demonstrations of many pieces in parallel, or resume it",
+        "corpus repertoire --out corpus --excerpts 40 --seconds 10",
     ),
     "distill": (
         "sb3_piano.lab.distillation.command:add_arguments",
-        "make a policy that plays any piece, by imitating a planned pianist",
+        "train a policy for any piece by imitating a planned pianist",
         "distill --config distill.yml --out hand",
     ),
     "pieces": (
         "pieces:add_arguments",
-        "import, list, show, rank and export pieces",
+        "list, show, import, export, remove and rank pieces",
         "pieces show my.mid",
     ),
     "export": (
         "sb3_piano.lab.web.command:add_arguments",
-        "write a run for others to play, without pickles; or the files of the web page",
+        "export a run without pickles, or the files of the web page",
         "export runs/sac/RoboPianist-v0_1 my-pianist",
     ),
     "bench": (
@@ -123,19 +123,19 @@ COMMANDS = {
     ),
     "presets": (
         "main:_add_presets",
-        "list the YAML files that come with the package, and what each is for",
+        "list the package's YAML files of hyperparameters",
         "presets fast",
     ),
     "envs": (
         "main:_add_envs",
-        "list the environment ids, and what each plays",
+        "list the environment ids and their pieces",
         "envs scale",
     ),
 }
-"""Function that adds the arguments of a command, what it is for, and an example.
+"""Function that adds the arguments of a command, its purpose, and an example.
 
-Its module is beside this one or has an import path. It is imported when its command is given, so
-that ``--help`` needs none of them.
+The function's module is in this package or has a full import path. It is imported when its command
+is given, so that ``--help`` stays fast.
 """
 
 _PLAYS = {
@@ -148,20 +148,20 @@ _PLAYS = {
     "repertoire": "a piece of the repertoire",
     "encore": "an encore, harder than the repertoire",
 }
-"""What an environment plays, by its id or the beginning of its piece's name."""
+"""Description of an environment's piece, by its id or the prefix of the piece's name."""
 
-_COMPLETION = "print the completion of a shell, such as for ~/.local/share/bash-completion"
+_COMPLETION = "print the completion script of a shell, for ~/.local/share/bash-completion"
 
 _LONGEST = 200
-"""So many characters of what a library says of a lack of memory."""
+"""Greatest length of a library's message about lack of memory, in characters."""
 
 _OURS = (PlanWarning, ScoreWarning)
 
 
 class _PlainText:
-    """A stream that shows titles and names of files with what a terminal would obey in them.
+    """Stream that escapes control characters of titles and file names.
 
-    Rich, whose colours it would show as well, writes to the stream itself.
+    Rich writes to the original stream, so that its colours stay.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -187,8 +187,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = argv
     if given is None:
         given = sys.argv[1:]
-        atexit.register(gc.freeze)  # so that Python does not look through all of torch at the end
-    if isinstance(sys.stdout, io.TextIOWrapper):  # a title in other letters must not end a command
+        atexit.register(gc.freeze)  # skips a slow garbage collection of torch at exit
+    if isinstance(sys.stdout, io.TextIOWrapper):  # for titles in other alphabets
         sys.stdout.reconfigure(errors="backslashreplace")
     plain: Any = _PlainText
     with (
@@ -199,31 +199,31 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(given: Sequence[str]) -> int:
-    """Run a command, and tell what went wrong."""
+    """Run a command; print errors and return the exit status."""
     try:
         arguments = parser_of(given).parse_args(given)
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
-        with _warnings_told(), _threads_told(), ended_as_by_ctrl_c():
+        with _plain_warnings(), _quiet_threads(), ended_as_by_ctrl_c():
             status = int(arguments.command(arguments))
-        sys.stdout.flush()  # so that what goes wrong with it is told below
+        sys.stdout.flush()  # here, so that its errors are caught below
         return status
     except SB3PianoError as error:
-        return tell_errors(error)
+        return print_errors(error)
     except KeyboardInterrupt:
-        return tell_interrupted(True)
-    except BrokenPipeError:  # nobody reads on, as in "sb3-piano evaluate RUN | head"
+        return print_interrupted(True)
+    except BrokenPipeError:  # the reader has ended, as in "sb3-piano evaluate RUN | head"
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's last flush
         return EXIT_ERROR
     except Exception as error:
-        told = _told(error)
-        if told is None:
+        message = _machine_error(error)
+        if message is None:
             raise
-        return tell_errors(told)
+        return print_errors(message)
 
 
-def _told(error: BaseException) -> str | None:
-    """Return what to say of an error of the machine's; ``None`` of any other."""
+def _machine_error(error: BaseException) -> str | None:
+    """Return a message for a lack of disk, memory or rights; ``None`` for other errors."""
     from sb3_piano.files import disk_refusal, reading_refusal
 
     if (refusal := reading_refusal(error)) is not None:
@@ -241,22 +241,22 @@ def _told(error: BaseException) -> str | None:
 
 
 def _open_streams() -> None:
-    """Let what is printed go nowhere if the process was started with a stream closed (``>&-``)."""
+    """Replace streams that were closed at the start of the process (``>&-``) by the null device."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  as long as the process
 
 
 @contextlib.contextmanager
-def _threads_told() -> Iterator[None]:
-    """Leave to the command what a library's thread dies of if that is the machine's error.
+def _quiet_threads() -> Iterator[None]:
+    """Hide tracebacks of threads that lack disk or memory.
 
-    The command meets it, too: TensorBoard's writer passes it on.
+    The command gets the same error: TensorBoard's writer raises it again.
     """
     former = threading.excepthook
 
     def tell(arguments: threading.ExceptHookArgs) -> None:
-        if arguments.exc_value is None or _told(arguments.exc_value) is None:
+        if arguments.exc_value is None or _machine_error(arguments.exc_value) is None:
             former(arguments)
 
     threading.excepthook = tell
@@ -267,8 +267,8 @@ def _threads_told() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _warnings_told() -> Iterator[None]:
-    """Tell what was left out of a file and what cannot be played in plain words, and once."""
+def _plain_warnings() -> Iterator[None]:
+    """Print each warning about a score or a plan once, in one line."""
     known: set[str] = set()
     with warnings.catch_warnings():
         others = warnings.showwarning
@@ -289,7 +289,7 @@ def _warnings_told() -> Iterator[None]:
 
 
 class _Completion(argparse.Action):
-    """Print what lets a shell complete commands, options and files."""
+    """Print a script for a shell to complete commands, options and files."""
 
     def __call__(self, parser: Any, namespace: Any, value: Any, option: Any = None) -> None:
         import shtab
@@ -299,7 +299,7 @@ class _Completion(argparse.Action):
 
 
 def parser_of(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
-    """Return the parser, with the arguments of the command that is given; by default of all."""
+    """Return the parser with the arguments of the given command; by default of all commands."""
     parser = argparse.ArgumentParser(
         prog="sb3-piano",
         description="Train robot hands to play the piano, and hear what they play.",
@@ -322,11 +322,11 @@ def parser_of(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
 
 
 def _add_presets(parser: Any) -> None:
-    command(parser, _presets)("text", "TEXT", "list only those that have this text", nargs="?")
+    command(parser, _presets)("text", "TEXT", "list only names with this text", nargs="?")
 
 
 def _add_envs(parser: Any) -> None:
-    command(parser, _envs)("text", "TEXT", "list only those that have this text", nargs="?")
+    command(parser, _envs)("text", "TEXT", "list only names with this text", nargs="?")
 
 
 def _presets(arguments: argparse.Namespace) -> int:
@@ -345,11 +345,11 @@ def _envs(arguments: argparse.Namespace) -> int:
 
 
 def _print_list(rows: Mapping[str, str], text: str | None) -> int:
-    """Print names and what each is, of those in which a text occurs."""
+    """Print the names that contain a text, with their descriptions."""
     shown = {name: is_ for name, is_ in rows.items() if (text or "").lower() in name.lower()}
     if not shown:
-        return tell_errors(
-            f"Nothing has {text!r} in its name: expected a part of one of {len(rows)}."
+        return print_errors(
+            f"Nothing has {text!r} in its name: expected a part of one of {len(rows)} names."
         )
     width = max(map(len, shown))
     for name, is_ in shown.items():

@@ -1,4 +1,4 @@
-"""``sb3-piano pieces``: the pieces that come with the package, and the user's own."""
+"""``sb3-piano pieces``: built-in and imported pieces."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from sb3_piano.cli.common import (
     add_command,
     add_row,
     check_output_file,
+    compute_each,
     new_table,
-    of_each,
+    print_errors,
+    print_interrupted,
     print_table,
     progress_bar,
-    tell_errors,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.cli.rank import in_collection, piece_of
@@ -56,52 +56,51 @@ _FORMS = {
     "fingering": "{}",
     "difficulty_percentile": "{:.0f}",
 }
-"""Columns of the table with their forms; the mean and the most keys share one."""
+"""Columns of the table and their formats; mean and maximum polyphony share one column."""
 
 _IMPORT = (
-    "Import music into the user's library. Files that cannot be read are listed; the status is 2 "
-    "only if nothing was imported and nothing was there before. What was imported earlier is not "
-    "imported again, so that an import can be interrupted."
+    "Import music into the user's library. Unreadable files are listed; the exit status is 2 only "
+    "if no file was imported, now or earlier. Files imported earlier are skipped, so that an "
+    "interrupted import can be repeated."
 )
 _FINGERING_HELP = (
-    "ergonomic (default): find fingers for notes that have none; robot: those that suit the "
-    "simulated hands; keep: only those in the file; optimal-transport: none, any finger will do; "
-    "or a file with labels"
+    "finger labels: those of the file (keep), missing ones computed (ergonomic, default), "
+    "adapted to the simulated hands (robot), none (optimal-transport), or from another file"
 )
 
 _MOST_NAMED = 10
-"""Number of pieces that are told by name after an import."""
+"""Number of pieces named after an import."""
 
 _FEW_MOMENTS = 16
-"""Number of moments shown of a piece whose bars are not known."""
+"""Number of onsets shown of a piece without bars."""
 
 _HANDS = ("right", "left", None)
 
 
 def add_arguments(parser: Any) -> None:
-    """Add the command's own commands."""
+    """Add the subcommands."""
     own = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    add = add_command(own, "list", _list, "list all pieces, built-in and imported")
-    add("--collection", "NAME", "only those of a collection, such as repertoire")
+    add = add_command(own, "list", _list, "list built-in and imported pieces")
+    add("--collection", "NAME", "only pieces of this collection, such as repertoire")
     add("--csv")
-    add("--json", text="write the same as JSON")
-    add = add_command(own, "show", _show, "show what is known about a piece, and its beginning")
-    add("name", "NAME|FILE", "as 'pieces list' shows it, or a file such as MIDI")
-    add("--bars", "N", "show so many bars", whole_number, 2)
+    add("--json", text="write the table to a JSON file")
+    add = add_command(own, "show", _show, "show the facts and the first bars of a piece")
+    add("name", "NAME|FILE", "a name from 'pieces list', or a file such as MIDI")
+    add("--bars", "N", "number of bars to show", whole_number, 2)
     add("--parts", action="append")
-    about = "import a file, a folder, the PIG data set, or a wheel or folder of robopianist"
+    about = "import files, a folder, the PIG data set, or robopianist's wheel"
     add = add_command(own, "import", _import, about, description=_IMPORT)
-    add("path", "PATH", "MIDI, MusicXML, PIG text, a folder, or a robopianist wheel")
+    add("path", "PATH", "a MIDI, MusicXML or PIG file, a folder, or a robopianist wheel or folder")
     add("--fingering", "HOW", _FINGERING_HELP)
-    add("--name", "NAME", "the piece's name, for a single file; default: the file's")
+    add("--name", "NAME", "name of the piece, for a single file; default: the file's")
     add("--parts", action="append")
-    add("--jobs", "N", "read in so many processes; default: one for each core", whole_number)
+    add("--jobs", "N", "reading processes; default: one per core", whole_number)
     add("--no-progress")
-    add = add_command(own, "remove", _remove, "remove imported pieces, without asking")
-    add("names", "NAME", "as 'pieces list' shows it", nargs="+")
+    add = add_command(own, "remove", _remove, "remove imported pieces without confirmation")
+    add("names", "NAME", "a name from 'pieces list'", nargs="+")
     add = add_command(own, "export", _export, "write a piece to a file")
-    add("name", "NAME|FILE", "as 'pieces list' shows it, or a file, which is converted")
-    add("file", "FILE", "MIDI, MusicXML or PIG, by suffix", Path)
+    add("name", "NAME|FILE", "a name from 'pieces list', or a file to convert")
+    add("file", "FILE", "output file: MIDI, MusicXML or PIG, by suffix", Path)
     add("--parts", action="append")
     rank.add_parser(own)
 
@@ -113,8 +112,8 @@ def _list(arguments: argparse.Namespace) -> int:
     from sb3_piano.music.library.store import piece_features
 
     failures: list[str] = []
-    measured = of_each(pieces().items(), piece_features, failures)
-    places = rank(measured)  # among all pieces, whatever is shown
+    measured = compute_each(pieces().items(), piece_features, failures)
+    places = rank(measured)  # among all pieces, also those not listed
     rows = [
         {
             **{about: getattr(piece, about) for about in _ABOUT},
@@ -130,7 +129,7 @@ def _list(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         write_json(arguments.json, {"pieces": rows})
         print(f"JSON:  {arguments.json}")
-    tell_errors(*failures)
+    print_errors(*failures)
     return EXIT_OK
 
 
@@ -154,7 +153,7 @@ def _show(arguments: argparse.Namespace) -> int:
 
     piece = piece_of(arguments.name, arguments.parts or ())
     score = piece.score()
-    _tell(piece, score)
+    _print_facts(piece, score)
     try:
         measured = asdict(piece_features(piece))
     except ScoreError as error:
@@ -179,7 +178,7 @@ def _short(name: str, value: Any) -> str:
     return f"{text} {_UNITS.get(name, '')}".rstrip()
 
 
-def _tell(piece: Piece, score: Score) -> None:
+def _print_facts(piece: Piece, score: Score) -> None:
     import gymnasium
 
     from sb3_piano.music.library import Library
@@ -205,7 +204,7 @@ def _tell(piece: Piece, score: Score) -> None:
 
 
 def _beginning(score: Score, n_bars: int) -> list[list[Note]]:
-    """Return the first bars, or the first moments if bars are not known, moment by moment."""
+    """Return the notes of the first bars by onset; without bars, of the first onsets."""
     moments = [list(notes) for _, notes in itertools.groupby(score.notes, lambda n: n.onset)]
     if not score.bars:
         return moments[:_FEW_MOMENTS]
@@ -247,18 +246,18 @@ def _import(arguments: argparse.Namespace) -> int:
             jobs=arguments.jobs,
             progress=lambda done, total: tell(completed=done, total=total),
         )
-    _tell_imported(report)
+    _print_imported(report)
     print(f"Library: {Library().folder}")
     status = EXIT_OK if report.imported or report.present else EXIT_ERROR
-    hint = "; the same command goes on with the rest."
-    return tell_interrupted(report.interrupted, status, hint)
+    hint = "; the same command imports the rest."
+    return print_interrupted(report.interrupted, status, hint)
 
 
-def _tell_imported(report: ImportReport) -> None:
+def _print_imported(report: ImportReport) -> None:
     for note in report.notes:
-        print(f"Note: {_told(note)}")
+        print(f"Note: {_reason(note)}")
     for unusable in report.unusable:
-        print(f"Not imported: {_told(unusable)}", file=sys.stderr)
+        print(f"Not imported: {_reason(unusable)}", file=sys.stderr)
     if report.imported:
         print(f"Imported: {_names(report.imported)}")
     if report.present:
@@ -269,8 +268,8 @@ def _tell_imported(report: ImportReport) -> None:
         print(f"Not imported: {len(report.unusable)}, as listed")
 
 
-def _told(file: Unusable) -> str:
-    """Return what is odd about a file, with its name once."""
+def _reason(file: Unusable) -> str:
+    """Return the reason why a file is unusable, with its name once."""
     named = str(file.path) in file.reason
     return file.reason if named else f"{file.path}: {file.reason}"
 
@@ -287,7 +286,7 @@ def _remove(arguments: argparse.Namespace) -> int:
     from sb3_piano.music.library import Library
 
     library = Library()
-    for name in arguments.names:  # all of them before the first is gone
+    for name in arguments.names:  # check all before removing the first
         if name in BUILT_IN:
             raise ConfigError(
                 f"Piece {name!r} comes with the package: expected pieces that were imported."

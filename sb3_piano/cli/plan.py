@@ -1,4 +1,4 @@
-"""``sb3-piano plan``: the plan of a piece in a file, refined in simulation or not."""
+"""``sb3-piano plan``: write the plan of a piece, optionally refined in simulation."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from typing import Any
 
 from sb3_piano.cli.common import (
     command,
-    tell_interrupted,
+    print_interrupted,
     whole_number,
 )
 from sb3_piano.cli.play import SET_HELP, minutes, refine, stage_of
 from sb3_piano.exceptions import ConfigError
 
 _REFINE_HELP = (
-    "refine the plan in simulation for so long, on all cores; a file that is there is gone on "
-    "with. Ctrl-C ends it and keeps the best plan so far"
+    "refine the plan in simulation for this time, on all cores; an existing file is refined "
+    "further. Ctrl-C stops and keeps the best plan so far"
 )
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of ``plan``."""
     add = command(parser, _plan)
-    add("what", "PIECE|ENV_ID", "a file, such as MIDI, a piece by its name, or an environment")
+    add("what", "PIECE|ENV_ID", "a piece's name, a file such as MIDI, or an environment id")
     add("--refine", "MINUTES", _REFINE_HELP, minutes)
-    add("--passes", "N", "refine it by playing it N times", whole_number)
-    add("--seed", "N", "what refinement draws from", int, 0)
+    add("--passes", "N", "refine the plan by playing it N times", whole_number)
+    add("--seed", "N", "random seed of the refinement", int, 0)
     add("--parts", action="append")
     add("--set", "NAME=VALUE", SET_HELP, action="append")
-    add("--out", "FILE.npz", "default: play/<title>-planned/plan.npz", Path)
+    add("--out", "FILE.npz", "output file; default: play/<title>-planned/plan.npz", Path)
     add("--no-progress")
 
 
@@ -41,8 +41,8 @@ def _plan(arguments: argparse.Namespace) -> int:
 
     if os.path.isdir(arguments.what):
         raise ConfigError(
-            f"'{arguments.what}' is a folder: expected a piece or a file. A plan is a file now, "
-            "and 'sb3-piano plan PIECE --refine MINUTES --out FILE.npz' goes on with it."
+            f"'{arguments.what}' is a folder: expected a piece or a file. A plan is a file now; "
+            "'sb3-piano plan PIECE --refine MINUTES --out FILE.npz' refines it further."
         )
     stage = stage_of(arguments)
     start = time.monotonic()
@@ -59,4 +59,4 @@ def _plan(arguments: argparse.Namespace) -> int:
     print(f"Plan:        {file}")
     print(f"Watch:       sb3-piano play {what} --player planned:plan={path}")
     print(f"Refine it:   sb3-piano plan {what} --out {path} --refine MINUTES")
-    return tell_interrupted(interrupted, hint=": the best plan so far is kept.")
+    return print_interrupted(interrupted, hint=": the best plan so far is kept.")

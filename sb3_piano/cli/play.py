@@ -1,4 +1,4 @@
-"""``sb3-piano play`` and ``report``: what a player makes of a piece."""
+"""``sb3-piano play`` and ``report``: video, sound, MIDI and HTML report of a performance."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sb3_piano.cli.common import (
     check_output_file,
     command,
     env_options,
+    print_errors,
     progress_bar,
     refuse_options,
-    tell_errors,
     whole_number,
 )
 from sb3_piano.cli.losses import HELP as LOSSES_HELP
@@ -36,24 +36,24 @@ if TYPE_CHECKING:
     from sb3_piano.viewing.take import Take
 
 _SCORE = "score"
-"""Stands for no player: the piece is heard as it is written, while the hands rest."""
+"""Name of no player: the piece sounds as written, and the hands rest."""
 PLAYERS_HELP = (
-    "planned, sight-reader, sampling:samples=32 or another with settings; the folder of a run; a "
-    "file of weights; tree:64x8: before one of these looks ahead"
+    "planned, sight-reader or sampling, also with settings as in sampling:samples=32; a run's "
+    "folder; a file of weights; with tree search: tree:64x8:PLAYER"
 )
-SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
+SET_HELP = "environment option, such as physics=fast; repeatable"
 _WHAT = (
-    "a piece or a file; a run's folder, or hf:OWNER/NAME of the Hub; or a take, a .npz file that "
-    "play wrote"
+    "a piece's name or file; a run's folder, or hf:OWNER/NAME on the Hub; or a take, the .npz file "
+    "of an earlier play"
 )
 _REFINE_HELP = (
-    "plan the piece and refine the plan in simulation for so long, then play it; the plan is kept, "
-    "and the same command goes on with it"
+    "plan the piece, refine the plan in simulation for this time, then play it; the same command "
+    "refines the saved plan further"
 )
 VIEWS = ("stage", "close", "top", "roll")
 _VIEW_HELP = (
-    "from behind the pianist with falling notes (the default), close to the hands and along with "
-    "them, from above, or mostly the notes"
+    "camera: stage (default) from behind with falling notes; close follows the hands; top is from "
+    "above; roll shows mostly the notes"
 )
 
 
@@ -68,49 +68,49 @@ def add_arguments(parser: Any) -> None:
     add(
         "--player",
         "PLAYER",
-        f"default: sight-reader; {PLAYERS_HELP}; score: nobody plays",
+        f"{PLAYERS_HELP}; or score, the piece as written; default: sight-reader",
     )
     add_former_arguments(add)
-    add("--out", "DIR", "default: RUN/play, or play/<title>-<player> for a piece")
-    add("--score", "PIECE", "let the run's model play another piece")
+    add("--out", "DIR", "output folder; default: RUN/play, or play/<title>-<player> for a piece")
+    add("--score", "PIECE", "another piece for the run's model")
     add("--parts", action="append")
-    add("--set", "NAME=VALUE", f"{SET_HELP}; of no run", action="append")
-    add("--seed", "N", "seed of the environment and the player; default: 0", int)
+    add("--set", "NAME=VALUE", f"{SET_HELP}; not for a run", action="append")
+    add("--seed", "N", "random seed; default: 0", int)
     add("--physics")
     add("--best")
     add("--tree")
     add("--refine", "MINUTES", _REFINE_HELP, minutes)
-    add("--report", text="write a page of the performance as well, report.html")
+    add("--report", text="also write an HTML report, report.html")
     add("--losses", text=LOSSES_HELP)
     add("--view", text=_VIEW_HELP, choices=VIEWS, default="stage")
-    add("--size", "WxH", "pixels of the video", default="854x480")
-    add("--human", text="show it in a window first, in real time")
-    add("--flat", text="make all notes equally loud; default: as their keys were struck")
-    add("--no-video", text="write only the MIDI file and the sound")
+    add("--size", "WxH", "size of the video in pixels", default="854x480")
+    add("--human", text="first show it in a window in real time")
+    add("--flat", text="equal loudness for all notes; default: by the speed of their keys")
+    add("--no-video", text="write only MIDI and sound")
     add("--no-progress")
 
 
 def add_report_arguments(parser: Any) -> None:
     """Add the arguments of ``report``."""
     add = command(parser, _report, epilog=TRUST)
-    add("what", "PIECE|RUN", "a run's folder; a take; or a file, such as MIDI, or a piece")
-    add("--player", "PLAYER", "let a player play the piece, as for play; default: its notes alone")
-    default = "default: report.html or piano_roll.html in the folder of the run, or of the piece"
+    add("what", "PIECE|RUN", "a run's folder; a take; a piece's name; or a file such as MIDI")
+    add("--player", "PLAYER", "player of the piece, as for play; default: show the notes only")
+    default = "default: report.html or piano_roll.html in the folder of the run or piece"
     add("--out", "FILE.html", default, Path)
-    add("--seed", "N", "of the environment and the player; default: 0", int, 0)
+    add("--seed", "N", "random seed; default: 0", int, 0)
     add("--physics")
     add("--best")
-    add("--3d", text="show the performance in three dimensions, too", dest="replay")
-    add("--open", text="open it in the web browser")
+    add("--3d", text="add a 3D replay of the performance", dest="replay")
+    add("--open", text="open the report in the web browser")
 
 
 _FORMER = {"passes": "passes", "plan": "plan", "nominal": "nominal", "horizon": "horizon"}
 _FORMER |= {"sampling": "samples", "weights": "model"}
-"""Options of former versions, and the settings of players that they stand for."""
+"""Deprecated options, and the player settings that replace them."""
 
 
 def add_former_arguments(add: Add) -> None:
-    """Add options of former versions, which are settings of ``--player`` now."""
+    """Add hidden deprecated options, now settings of ``--player``."""
     hidden = {"text": argparse.SUPPRESS}
     add("--planned", **hidden)
     add("--reduced", **hidden)
@@ -121,7 +121,7 @@ def add_former_arguments(add: Add) -> None:
 
 
 def minutes(text: str) -> float:
-    """Read a number of minutes."""
+    """Parse a number of minutes above 0."""
     try:
         number = float(text)
     except ValueError:
@@ -134,7 +134,7 @@ def minutes(text: str) -> float:
 def refine(
     stage: EnvSpec, file: Path, arguments: argparse.Namespace, passes: int | None = None
 ) -> tuple[Planned, bool]:
-    """Plan what is played, refine the plan, and return how it went and whether Ctrl-C ended it."""
+    """Plan a piece and refine the plan; return the result and whether Ctrl-C ended it."""
     from sb3_piano.interrupts import stop_on_signal
     from sb3_piano.training.playing.takes import write_plan
 
@@ -156,7 +156,7 @@ def refine(
 
 
 def player_spec(arguments: argparse.Namespace, default: str = "sight-reader") -> PlayerSpec:
-    """Return who plays by the arguments: ``--player``, ``--tree`` and those of former versions.
+    """Return the player of ``--player``, ``--tree`` and deprecated options.
 
     Raises:
         ConfigError: If there is no such player, or it has no such setting.
@@ -175,7 +175,7 @@ def player_spec(arguments: argparse.Namespace, default: str = "sight-reader") ->
 
 
 def stage_of(arguments: argparse.Namespace, **options: Any) -> EnvSpec:
-    """Return where a player plays by the arguments; ``options`` are as of ``stage_for``.
+    """Return the environment of the arguments; ``options`` as in ``stage_for``.
 
     Raises:
         ConfigError: If there is no such file, or an option is not valid.
@@ -210,7 +210,7 @@ def _check_piece(what: str) -> None:
 
 
 def play_run(run: str, arguments: argparse.Namespace) -> int:
-    """Let a run's model play, write what there is to see and hear, and return the exit status."""
+    """Play with a run's model, write video, sound and MIDI; return the exit status."""
     from sb3_piano.training import OpenPlayer
     from sb3_piano.training.playing.takes import default_folder, take_of
     from sb3_piano.viewing.views import DEFAULT_PICTURE
@@ -228,7 +228,7 @@ def _play(arguments: argparse.Namespace) -> int:
 
     picture = None if arguments.no_video else _picture(arguments)
     if arguments.human:
-        check_screen()  # before anything is played, which may take long
+        check_screen()  # before playing, which may take long
     if arguments.out is not None:
         try:
             Path(arguments.out).mkdir(parents=True, exist_ok=True)
@@ -266,11 +266,11 @@ def _write(take: Take, folder: Path, picture: Picture | None, arguments: argpars
     if getattr(arguments, "report", False):
         take.save_report(folder / "report.html")
         print(f"Page:  {folder / 'report.html'}")
-    return tell_errors(*[f"There is no video. {p}" for p in (played.problem,) if p is not None])
+    return print_errors(*[f"There is no video. {p}" for p in (played.problem,) if p is not None])
 
 
 def _loudness(take: Take) -> str:
-    """Return in words how loud the notes of a take are; nothing if there are none."""
+    """Describe the velocities of a take's notes; empty without notes."""
     if take.score is None:
         return ""
     velocities = sorted(note.velocity for note in take.score.notes)
@@ -290,7 +290,7 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 
 
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
-    """Let a player play; return that, and the folder that it belongs into."""
+    """Play, or read a take; return it and its default folder."""
     from sb3_piano.music import load_score
     from sb3_piano.training.playing.takes import default_folder, folder_of, take_of_score
     from sb3_piano.training.sharing.hub import exported_folder, is_on_hub
@@ -322,7 +322,7 @@ def _is_take(what: str) -> bool:
 
 
 def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
-    """Return who plays, and the piece if it is another than a run's own."""
+    """Open the player; also return the piece if it is not the run's own."""
     from sb3_piano.music import load_score
     from sb3_piano.players import PlayerSpec
     from sb3_piano.training import OpenPlayer
@@ -358,7 +358,7 @@ def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
 
 
 def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:
-    """Let a player play, and say who it was and how well."""
+    """Play, and print the player and its scores."""
     from sb3_piano.training.playing.takes import take_of
 
     reads = player.spec.name == "sight-reader"

@@ -1,4 +1,4 @@
-"""``sb3-piano pieces rank`` and ``fingering``: difficulty of pieces, labels beside our fingers."""
+"""``sb3-piano pieces rank`` and ``fingering``: difficulty of pieces, agreement of fingerings."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     add_command,
     add_row,
+    compute_each,
     new_table,
-    of_each,
+    print_errors,
     print_table,
-    tell_errors,
     tracked,
 )
 from sb3_piano.exceptions import ConfigError
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _Row = dict[str, Any]
 
 _NO_COLLECTION = "none"
-"""What stands for the collection of a file."""
+"""Collection of a piece from a file."""
 
 # Key of a row, heading, form.
 _SCORE_COLUMNS = (
@@ -56,25 +56,25 @@ _AGREEMENT = ("right", "left", "both", "hands")
 _RATES = ("general", "highest", "soft", "recombination")
 
 _MOTION_HELP = (
-    "recorded performances, which 'evaluate --motion' writes: files, or folders such as those of "
-    "runs; pieces without one are left out"
+    "use recorded motion in the ranking: files of 'evaluate --motion', or folders such as runs; "
+    "pieces without a recording are left out"
 )
 _LABELLED_HELP = (
-    "pieces and files with finger labels, or a folder of the PIG data set; default: all pieces "
-    "with labels that come with the package"
+    "pieces or files with finger labels, or a folder of the PIG data set; default: all built-in "
+    "pieces with labels"
 )
 
 
 def add_parser(commands: Any) -> None:
-    """Add both commands and their arguments."""
+    """Add the commands ``rank`` and ``fingering``."""
     add = add_command(commands, "rank", _rank, "rank pieces by difficulty, the easiest first")
-    about = "rank these names and files among themselves; default: all pieces"
+    about = "pieces to rank; default: all pieces"
     add("pieces", "NAME|FILE", about, nargs="*")
-    add("--collection", "NAME", "only the pieces of a collection, such as repertoire")
+    add("--collection", "NAME", "only pieces of this collection, such as repertoire")
     add("--motion", "PATH", _MOTION_HELP, Path, nargs="+")
     add("--csv")
     add("--no-progress")
-    about = "compare our fingering with finger labels, or with those of the PIG data"
+    about = "compare the computed fingering with finger labels of pieces or of the PIG data set"
     add = add_command(commands, "fingering", _fingering, about)
     add("pieces", "NAME|FILE", _LABELLED_HELP, nargs="*")
     add("--csv")
@@ -82,7 +82,7 @@ def add_parser(commands: Any) -> None:
 
 
 def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[str, Piece]:
-    """Return the pieces of a collection, of which there has to be one; all if none is named."""
+    """Return the pieces of a known collection; without a name, all pieces."""
     from sb3_piano.music.catalogue import of_collection
     from sb3_piano.settings import refuse_unknown
 
@@ -94,7 +94,7 @@ def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[s
 
 
 def piece_of(text: str, parts: Sequence[str] = ()) -> Piece:
-    """Return the piece of a name, or a file as one, which is read when its score is asked for."""
+    """Return a piece by name or file; a file is read when its score is needed."""
     from sb3_piano.music import Piece, find_piece, load_score
     from sb3_piano.music.catalogue import is_path
 
@@ -121,7 +121,7 @@ def _rank(arguments: argparse.Namespace) -> int:
     motion = _recorded(arguments.motion, chosen, failures) if arguments.motion else None
     ranked = {name: piece for name, piece in chosen.items() if motion is None or name in motion}
     bar = tracked(arguments, "pieces", ranked.items())
-    found = of_each(bar, piece_features, failures, "Piece {name!r} was not ranked: {error}")
+    found = compute_each(bar, piece_features, failures, "Piece {name!r} was not ranked: {error}")
     rows = [
         {
             "piece": name,
@@ -140,13 +140,13 @@ def _rank(arguments: argparse.Namespace) -> int:
     if len(ranked) < len(chosen):
         print(f"{len(chosen) - len(ranked)} of {len(chosen)} pieces have no recorded performance.")
     _write(arguments.csv, list(rows[0]) if rows else ["piece"], rows)
-    return tell_errors(*failures)
+    return print_errors(*failures)
 
 
 def _recorded(
     paths: Sequence[Path], pieces: Mapping[str, Piece], failures: list[str]
 ) -> dict[str, MotionFeatures]:
-    """Return what moved in the performances of each piece, as a mean over several."""
+    """Return the mean motion features of each piece's recorded performances."""
     from sb3_piano.music.difficulty import mean_motion
     from sb3_piano.viewing.take import Take
 
@@ -156,7 +156,7 @@ def _recorded(
     }
     found: dict[str, list[MotionFeatures]] = defaultdict(list)
     files = ((path, path) for path in _motion_files(paths))
-    for recording in of_each(files, Take.read, failures).values():
+    for recording in compute_each(files, Take.read, failures).values():
         name = recording.title if recording.title in pieces else by_title.get(recording.title)
         if name is not None and recording.motion is not None:
             found[name].append(recording.motion.features())
@@ -201,7 +201,7 @@ def _fingering(arguments: argparse.Namespace) -> int:
         _judge_folder(folders[0], arguments, failures)
     else:
         _judge_pieces(arguments, failures)
-    return tell_errors(*failures)
+    return print_errors(*failures)
 
 
 def _judge_pieces(arguments: argparse.Namespace, failures: list[str]) -> None:
@@ -221,7 +221,7 @@ def _judge_pieces(arguments: argparse.Namespace, failures: list[str]) -> None:
 
     pieces = {piece.name: piece for piece in named or BUILT_IN.values()}
     bar = tracked(arguments, "fingering", pieces.items())
-    found = of_each(bar, judged, failures, "Piece {name!r} was not compared: {error}")
+    found = compute_each(bar, judged, failures, "Piece {name!r} was not compared: {error}")
     rows = [row(name, agreement) for name, agreement in found.items()]
     if rows:
         counts: dict[str, Any] = {
@@ -240,7 +240,7 @@ def _judge_folder(folder: str, arguments: argparse.Namespace, failures: list[str
     from sb3_piano.music.formats.pig import read_pig
 
     def judged(paths: Sequence[Path]) -> _Row | None:
-        annotations = of_each(((path, path) for path in paths), read_pig, failures)
+        annotations = compute_each(((path, path) for path in paths), read_pig, failures)
         if not annotations:
             return None
         rates = judge_annotated(list(annotations.values()))
@@ -248,7 +248,7 @@ def _judge_folder(folder: str, arguments: argparse.Namespace, failures: list[str
         return {"annotators": len(annotations), "notes": rates.notes, **shares}
 
     bar = tracked(arguments, "fingering", pig_files(folder).items())
-    found = of_each(bar, judged, failures, "Piece {name} was not compared: {error}")
+    found = compute_each(bar, judged, failures, "Piece {name} was not compared: {error}")
     rows = [{"piece": number, **row} for number, row in found.items()]
     columns = ("piece", "annotators", "notes", *_RATES)
     if rows:
@@ -259,7 +259,7 @@ def _judge_folder(folder: str, arguments: argparse.Namespace, failures: list[str
 
 
 def _means(name: str, rows: Sequence[_Row]) -> _Row:
-    """Return the mean of each share over the rows that have one; counts are left empty."""
+    """Return the mean of each share over the rows that have it; counts stay empty."""
     means: _Row = {"piece": name}
     for key in [key for key in rows[0] if key != "piece"]:
         known = [row[key] for row in rows if row[key] is not None]

@@ -1,4 +1,4 @@
-"""Options of commands that come from settings: name, type, default and help of each field."""
+"""Command-line options from settings classes: name, type, default and help of each field."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _METAVARS = {int: "N", float: "X"}
 def add_settings(add: Add, kind: Any, *names: str, **texts: str) -> None:
     """Add an option for each named field of a settings class.
 
-    Its help is the field's docstring, unless ``texts`` has another one. Values are read as YAML
-    reads them and checked by the class, whose messages name the field.
+    Its help is the field's docstring, unless ``texts`` has another one. Values are parsed as YAML;
+    the class checks them and names the field in its errors.
     """
     known, kinds = _docstrings(kind), typing.get_type_hints(kind)
     fields = {one.name: one for one in dataclasses.fields(kind)}
@@ -44,7 +44,7 @@ def add_settings(add: Add, kind: Any, *names: str, **texts: str) -> None:
 
 
 def given(arguments: argparse.Namespace, kind: Any) -> Mapping[str, Any]:
-    """Return the fields of a settings class that were given as options."""
+    """Return the settings fields given as options."""
     named = {field.name: getattr(arguments, field.name, None) for field in dataclasses.fields(kind)}
     return {n: value for n, value in named.items() if value is not None and value is not False}
 
@@ -55,7 +55,7 @@ def _without_none(kind: Any) -> Any:
 
 
 def _docstrings(kind: Any) -> dict[str, str]:
-    """Return the text below each field of a class, without markup, as a part of a sentence."""
+    """Return the docstring of each field of a class as a phrase without markup."""
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(tree, ast.ClassDef), "settings are a class"
     found = {}

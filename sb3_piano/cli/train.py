@@ -1,4 +1,4 @@
-"""``sb3-piano train``: train a model, or go on training one."""
+"""``sb3-piano train``: train a model, or resume a training."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from sb3_piano.training.runs.train import TrainResult
 
 _PIECES_HELP = (
-    "play several: names, files, patterns such as 'scale-*', collections, or lists of these in "
-    "FILE.txt; dealt out to the environments (--n-envs), one of several drawn for each episode"
+    "train on several pieces: names, files, patterns such as 'scale-*', collections, or lists in "
+    "FILE.txt; split among the --n-envs environments, which draw one per episode"
 )
 _OF_CONFIG = ("seed", "n_envs", "vec_env", "num_threads", "matmul_precision")
 _NEW_RUN_ONLY = (
@@ -47,31 +47,31 @@ _NEW_RUN_ONLY = (
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _train, epilog=TRUST)
-    add("--algo", "NAME", "sac (default), td3, tqc, ddpg, ppo, a2c, crossq or trpo")
+    add("--algo", "NAME", "algorithm: sac (default), td3, tqc, ddpg, ppo, a2c, crossq or trpo")
     add_piece_arguments(add)
     add("--pieces", "PIECE", _PIECES_HELP, nargs="+")
     add(
         "--from",
         "PLAYER",
-        "learn to correct what plays already: sight-reader, planned, the FILE.safetensors of "
-        "another network of a hand, or a RUN; with sac, td3 or ppo",
+        "learn corrections to a base player: sight-reader, planned, the FILE.safetensors of a "
+        "hand's network, or a RUN; with sac, td3 or ppo",
     )
-    add("--init-from", "RUN", "begin with the networks and optimizers of a run, and its settings")
-    add("--with-buffer", text="with --init-from: begin with its replay buffer, too")
+    add("--init-from", "RUN", "start from the networks, optimizers and settings of a run")
+    add("--with-buffer", text="with --init-from: also load its replay buffer")
     add(
         "--config",
-        text="hyperparameters, or 'fast' for ours; default: published ones; with --from: changes",
+        text="hyperparameters: FILE.yml or 'fast'; default: published ones; with --from: changes",
     )
-    add("--steps", "N", "environment steps in all, such as 1e6", whole_number)
-    add("--seed", "N", "default: drawn, and noted in the run's folder", int)
-    add("--n-envs", "N", "environments that play at the same time", whole_number)
+    add("--steps", "N", "total environment steps, such as 1e6", whole_number)
+    add("--seed", "N", "random seed; default: drawn, saved in the run's folder", int)
+    add("--n-envs", "N", "number of parallel environments", whole_number)
     add("--vec-env", "KIND", "dummy (one process), threads, processes or subproc (a process each)")
     add("--num-threads")
     add("--matmul-precision")
-    add("--checkpoint-every", "N", "default: 10000 steps", whole_number)
+    add("--checkpoint-every", "N", "steps between checkpoints; default: 10000", whole_number)
     add("--runs-dir")
     add("--run")
-    add("--resume", "RUN", "go on with the run in this folder")
+    add("--resume", "RUN", "resume the run in this folder")
     add("--no-progress")
     add("--evaluate", text="evaluate the model afterwards")
     add("--play", text="write a video of the model afterwards")
@@ -98,7 +98,7 @@ def _train(arguments: argparse.Namespace) -> int:
     if arguments.evaluate:
         evaluate_run(str(result.folder.path))
     if arguments.play:
-        # A machine that cannot draw says so; the training has succeeded all the same.
+        # The status stays 0 without a video: the training has succeeded.
         play_run(str(result.folder.path), arguments)
     return EXIT_OK
 
@@ -123,7 +123,7 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
         given |= {"with_buffer": arguments.with_buffer, **options}
         return load_start(arguments.init_from, env_id, arguments.config, **given)
     if start is None:
-        algorithm_class(algo)  # what is no algorithm is told first
+        algorithm_class(algo)  # report an unknown algorithm first
         others = ", --midi FILE, --pieces PIECE... or --resume RUN"
         env_id, options = what_is_played(arguments, others)
         return load_config(algo, env_id, arguments.config, **options, **given)
@@ -132,7 +132,7 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
 
 
 def _played(arguments: argparse.Namespace) -> tuple[str | None, dict[str, Any]]:
-    """Return what is to be played if it is not what a run plays, and options of the environment."""
+    """Return the environment id, or ``None`` for the run's own, and environment options."""
     if arguments.env or arguments.midi:
         return what_is_played(arguments, " or --midi FILE")
     fingering = arguments.fingering
@@ -145,7 +145,7 @@ def _report_training(result: TrainResult) -> None:
     if result.had_finished:
         print(
             f"The run has done {result.num_timesteps} of {result.n_timesteps} steps: nothing is "
-            f"left to do. To go on: sb3-piano train --resume {path} --steps N"
+            f"left to do. To continue: sb3-piano train --resume {path} --steps N"
         )
     elif result.interrupted:
         print(f"Interrupted after {result.num_timesteps} of {result.n_timesteps} steps.")
@@ -157,6 +157,6 @@ def _report_training(result: TrainResult) -> None:
     if folder.tensorboard_dir.is_dir():
         print(f"TensorBoard: tensorboard --logdir {shlex.quote(str(folder.tensorboard_dir))}")
     if result.interrupted:
-        print(f"Go on:       sb3-piano train --resume {path}")
+        print(f"Resume:      sb3-piano train --resume {path}")
     else:
         print(f"Evaluate:    sb3-piano evaluate {path}")

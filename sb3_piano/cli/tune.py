@@ -26,45 +26,45 @@ if TYPE_CHECKING:
     from sb3_piano.tuning import StudyConfig, TuneResult
 
 _SPACE_HELP = (
-    "a space by its name (sac, env, reward, ...) or a YAML file; may be given several times; "
-    "default: the algorithm's"
+    "search space: a name (sac, env, reward, ...) or a YAML file; repeatable; default: the "
+    "algorithm's"
 )
 _DESCRIPTION = (
     "Search hyperparameters, wrapper arguments and reward weights with Optuna. The same command "
-    "goes on with a study that was stopped."
+    "resumes a stopped study."
 )
-_RAY_HELP = "workers on a cluster of Ray, whose nodes all see --studies-dir; or auto"
-_STORAGE_HELP = "a database, such as postgresql+psycopg://user@host/name"
+_RAY_HELP = "address of a Ray cluster, or auto; all nodes must see --studies-dir"
+_STORAGE_HELP = "database of the study, such as postgresql+psycopg://user@host/name"
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _tune, description=_DESCRIPTION, epilog=TRUST)
-    add("--algo", "NAME", "sac (default), td3, tqc, ...", default=DEFAULT_ALGORITHM)
+    add("--algo", "NAME", "algorithm: sac (default), td3, tqc, ...", default=DEFAULT_ALGORITHM)
     add_piece_arguments(add)
-    add("--config", text="settings to depart from; default: the preset")
+    add("--config", text="hyperparameters to start from; default: the preset")
     add = adder(parser.add_argument_group("trials"))
-    add("--trials", "N", "in all", whole_number, 20)
-    add("--steps", "N", "of a training", whole_number, 20_000)
-    add("--minutes", "M", "longest time of a trial; default: no limit", float)
-    add("--seeds", "N", "trainings of a trial", whole_number, 1)
-    add("--metric", "NAME", "f1 or onset_f1", default="f1")
-    add("--objective", "WHICH", "final or best model", default="final")
-    add("--evaluations", "N", "of a training", whole_number, 5)
-    add("--eval-episodes", "N", "of an evaluation", whole_number, 1)
-    add("--eval-seed", "N", "held out", int, 1000)
+    add("--trials", "N", "total number of trials", whole_number, 20)
+    add("--steps", "N", "environment steps per training", whole_number, 20_000)
+    add("--minutes", "M", "time limit of a trial in minutes; default: none", float)
+    add("--seeds", "N", "trainings per trial, each with its own seed", whole_number, 1)
+    add("--metric", "NAME", "metric to maximize: f1 or onset_f1", default="f1")
+    add("--objective", "WHICH", "model to score: final or best", default="final")
+    add("--evaluations", "N", "evaluations per training", whole_number, 5)
+    add("--eval-episodes", "N", "episodes per evaluation", whole_number, 1)
+    add("--eval-seed", "N", "seed of the evaluations, not used for training", int, 1000)
     add = adder(parser.add_argument_group("search"))
     add("--space", "SPACE", _SPACE_HELP, action="append")
-    add("--sampler", "NAME", "tpe, cmaes, gp or random", default="tpe")
-    add("--pruner", "NAME", "median, hyperband, halving or none", default="median")
-    add("--startup-trials", "N", "at random first", whole_number, 10)
+    add("--sampler", "NAME", "Optuna sampler: tpe, cmaes, gp or random", default="tpe")
+    add("--pruner", "NAME", "Optuna pruner: median, hyperband, halving or none", default="median")
+    add("--startup-trials", "N", "random trials at the start", whole_number, 10)
     add("--seed", "N", "seed of the sampler; default: drawn", int)
-    add = adder(parser.add_argument_group("where"))
-    add("--workers", "N", "processes", whole_number, 1)
+    add = adder(parser.add_argument_group("execution"))
+    add("--workers", "N", "worker processes", whole_number, 1)
     add("--ray", "ADDRESS", _RAY_HELP)
     add("--storage", "URL", _STORAGE_HELP)
-    add("--name", "NAME", "the study's name; default: algorithm and environment")
-    add("--studies-dir", "DIR", "where studies are", default="studies")
+    add("--name", "NAME", "name of the study; default: algorithm and environment")
+    add("--studies-dir", "DIR", "folder of all studies", default="studies")
     add("--no-progress")
 
 
@@ -73,7 +73,7 @@ def _tune(arguments: argparse.Namespace) -> int:
 
     from sb3_piano.tuning import Search, tune
 
-    optuna.logging.set_verbosity(optuna.logging.WARNING)  # the progress bar tells the rest
+    optuna.logging.set_verbosity(optuna.logging.WARNING)  # the progress bar shows the rest
     config = _config(arguments)
     name = _default_name(arguments, config) if arguments.name is None else arguments.name
     if name in ("", "..") or Path(name).name != name:

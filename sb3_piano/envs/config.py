@@ -148,14 +148,7 @@ class PianoEnvConfig:
                 f"observation is {self.observation!r}, but no hand is in the scene: expected "
                 "'roll' or 'window'."
             )
-        hand = find_hand(self.hand)  # raises if there is none
-        forearm_dofs = hand.forearm_dofs(self.forearm_dofs)
-        if self.observation == "hands" and forearm_dofs != hand.forearm_dofs():
-            raise ConfigError(
-                f"observation is 'hands' and forearm_dofs {list(forearm_dofs)}: this observation "
-                "supports only the hand's default forearm joints. Expected 'roll', 'window' or "
-                f"'fingers', or forearm_dofs={list(hand.forearm_dofs())}."
-            )
+        find_hand(self.hand).forearm_dofs(self.forearm_dofs)  # raises if there are none
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
 
     @property

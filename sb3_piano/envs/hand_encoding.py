@@ -19,7 +19,7 @@ from sb3_piano.envs.encodings import (
     check_labels,
 )
 from sb3_piano.envs.observation import ObservationLayout
-from sb3_piano.exceptions import PlanWarning
+from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
 from sb3_piano.music.pitch import pitch_name
@@ -66,7 +66,17 @@ class HandEncoding(Encoding):
     """Observation of each hand's targets in the piece, relative to its arm and its fingers."""
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
-        """Lay out the observation."""
+        """Lay out the observation.
+
+        Raises:
+            ConfigError: If forearms do more than slide along and across the keyboard.
+        """
+        dofs, expected = scene.options["forearm_dofs"], scene.hand.forearm_dofs()
+        if dofs != expected:
+            raise ConfigError(
+                f"forearm_dofs is {list(dofs)}: the observation 'hands', and with it the "
+                f"sight-reader, needs forearms that only slide: expected {list(expected)}."
+            )
         self.hands = both_hands(scene)
         self.places = KeyPlaces.of(scene)
         self._control_timestep = config.control_timestep

@@ -1,4 +1,4 @@
-"""Jobs: work in folders, which may stop at any moment and resume, here or on a cluster of Ray."""
+"""Jobs: resumable work in folders, on this machine or on a Ray cluster."""
 
 from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.finish import finish, map_jobs

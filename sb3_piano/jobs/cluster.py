@@ -1,4 +1,4 @@
-"""Clusters of Ray as executors."""
+"""Executor of tasks on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from sb3_piano.settings import Index, NotNegative, settings
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_GRACE = 60.0  # s, that jobs have to end after Ctrl-C before their processes are ended
-_ANSWER = 10.0  # s, in which a cluster has to answer
+_GRACE = 60.0  # s, time for jobs to end after Ctrl-C before their processes are killed
+_ANSWER = 10.0  # s, timeout of the first connection
 
 
 @settings
 class Resources:
-    """What a job on a cluster needs, and how often it is begun again when its process is gone."""
+    """Resources of a job on a cluster, and its retries after its process died."""
 
     num_cpus: NotNegative = 1.0
-    """Cores; as many threads, at least one, are what its libraries compute with."""
+    """Cores; its libraries use as many threads, at least one."""
     num_gpus: NotNegative = 0.0
     """Graphics cards, or a part of one."""
     memory_gb: NotNegative = 0.0
-    """Memory that a node must have left, GB; 0 for any."""
+    """Free memory required of a node, GB; 0 for any."""
     custom: Mapping[str, NotNegative] = field(default_factory=dict)
-    """Further resources, as the nodes of the cluster were started with."""
+    """Custom resources of Ray, by the names given when the nodes were started."""
     retries: Index = 10
-    """How often a job is begun again after its process or its node died, or was taken away."""
+    """Restarts of a job after its process or node died or was preempted."""
 
     def options(self) -> dict[str, Any]:
-        """Return the options of a task of Ray."""
+        """Return the options of a Ray task."""
         return {
             "num_cpus": self.num_cpus,
             "num_gpus": self.num_gpus,
@@ -48,18 +48,18 @@ class Resources:
 
 
 class RayExecutor(Executor):
-    """Executor of tasks on a cluster of Ray, see ``open_executor``.
+    """Executor of tasks on a Ray cluster, see ``open_executor``.
 
-    A connection that this process has already is used, and kept.
+    An existing connection of this process is used, and stays open.
     """
 
     def __init__(self, address: str, resources: Resources):
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # send no statistics
         try:
             import ray
         except ImportError as error:
             raise MissingPackageError(
-                f"Ray is not installed, which a cluster needs: {install_command('ray')}"
+                f"A cluster needs Ray, which is not installed: {install_command('ray')}"
             ) from error
         self._is_ours = not ray.is_initialized()
         try:
@@ -77,10 +77,10 @@ class RayExecutor(Executor):
         self._references: dict[Future[Any], Any] = {}
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Begin a task.
+        """Submit a task.
 
-        What it raised is raised as it was; the end of its process, again and again, is a
-        ``BrokenExecutor`` as of a pool of processes.
+        The future raises the task's own exception, or ``BrokenExecutor`` if its process died and no
+        retries are left.
         """
         future: Future[T] = Future()
         self._references[future] = reference = self._task.remote(os.getcwd(), fn, args, kwargs)
@@ -88,7 +88,7 @@ class RayExecutor(Executor):
         return future
 
     def end(self) -> None:
-        """Cancel what has not ended, and wait until all has."""
+        """Cancel the unfinished tasks and wait until all have ended."""
         references = list(self._references.values())
         for reference in references:
             self._ray.cancel(reference)
@@ -99,7 +99,7 @@ class RayExecutor(Executor):
             self._ray.shutdown()
 
     def _unfinished(self, references: list[Any], seconds: float | None) -> Any:
-        """Wait for tasks; return those that have not ended by then."""
+        """Wait for tasks up to a timeout; return the unfinished ones."""
         options = {"num_returns": len(references), "timeout": seconds, "fetch_local": False}
         return self._ray.wait(references, **options)[1] if references else []
 
@@ -118,17 +118,17 @@ class RayExecutor(Executor):
 
 
 def _call(folder: str, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
-    """Call a function where relative paths mean what they do in a folder, if it is there."""
+    """Call a function with a folder as its working directory, if the folder exists."""
     if os.path.isdir(folder):
         os.chdir(folder)
-    # Nodes that were started in the background of a shell, or by nohup, have it ignored.
+    # Nodes started in the background of a shell or by nohup ignore SIGINT.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     return fn(*args, **kwargs)
 
 
 def _knock(address: str) -> None:
-    """Raise an ``OSError`` where nobody listens: Ray tries for minutes, and heeds no signal."""
+    """Raise ``OSError`` if no server listens: Ray itself retries for minutes, ignoring signals."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if colon and port.isdecimal():
         socket.create_connection((host, int(port)), _ANSWER).close()

@@ -1,4 +1,4 @@
-"""Bringing work to its end by an executor: jobs, each after those it needs, or many items."""
+"""Run jobs in the order of their needs, or a function of many items, by an executor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _AGAIN = "give the same command again."
-_LOOK_EVERY = 0.2  # s, between two looks at whether the work was interrupted
+_LOOK_EVERY = 0.2  # s, between two checks for an interruption
 
 
 def finish(
@@ -32,30 +32,30 @@ def finish(
     on_outcome: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
     go_on: str = _AGAIN,
 ) -> list[Outcome]:
-    """Do all jobs that are not done; return what came of each, in their order.
+    """Run all unfinished jobs; return the outcome of each, in their order.
 
-    A job that is done is left as it is, one that had stopped goes on, and one that fails, or whose
-    process dies, stops only those that need it. After Ctrl-C or SIGTERM none begins any more; those
-    that run save what they have and end with their executor. The same call goes on.
+    Finished jobs are skipped, and stopped ones resume. If a job fails or its process dies, only the
+    jobs that need it are stopped. After Ctrl-C or SIGTERM no job starts; running jobs save their
+    state and end with their executor. The same call resumes them.
 
     Args:
-        jobs: What is to be done; names differ, and a job comes after those it needs.
-        executor: Does them, where it sees their folders by the same paths; by default one of
-            ``workers``, ``ray`` and ``resources``, see :func:`~sb3_piano.jobs.open_executor`.
+        jobs: Jobs with unique names; each comes after the jobs it needs.
+        executor: Executor that sees the jobs' folders by the same paths; by default one is opened
+            with ``workers``, ``ray`` and ``resources``, see :func:`~sb3_piano.jobs.open_executor`.
         workers: Processes on this machine.
-        ray: Address of a cluster of Ray.
-        resources: What a job needs, on a cluster.
-        known: What :func:`~sb3_piano.jobs.status` says of the jobs, where that is known already.
-        on_begin: Is called with each job before it is handed to the executor.
-        on_outcome: Is called with what came of each job that was not done before, and how many of
-            how many have come to an end.
-        go_on: How to go on when a worker died.
+        ray: Address of a Ray cluster.
+        resources: Resources of a job on a cluster.
+        known: Result of :func:`~sb3_piano.jobs.status` for the jobs, if known already.
+        on_begin: Called with each job before the executor gets it.
+        on_outcome: Called with the outcome of each job that was not finished before, the number of
+            ended jobs and the number of all jobs.
+        go_on: How to resume, for the message about a dead worker.
 
     Raises:
-        ConfigError: If a job needs none before it, ``workers`` is out of range, or the cluster
-            cannot be reached.
+        ConfigError: If a job needs one that is not before it, a name repeats, ``workers`` is out of
+            range, or the cluster cannot be reached.
         KeyboardInterrupt: If it was interrupted.
-        RunError: If a folder was begun with other settings.
+        RunError: If a folder was started with other settings.
     """
     outcomes = {one.job.name: one for one in (status(jobs) if known is None else known)}
     left = {job.name: job for job in jobs if outcomes[job.name].result is None}
@@ -92,7 +92,7 @@ def finish(
 
 
 def _check(jobs: Sequence[Job]) -> None:
-    """Refuse needs that no job before meets, names that are not unique, and other settings."""
+    """Check that needs come first, names are unique, and started jobs have the same settings."""
     before: set[str] = set()
     for job in jobs:
         unmet = sorted({*job.needs} - before)
@@ -108,13 +108,13 @@ def _check(jobs: Sequence[Job]) -> None:
 
 
 def _ready(left: dict[str, Job], running: dict[Future[Any], Job]) -> list[Job]:
-    """Return the jobs of which no job that they need is still to come."""
+    """Return the jobs whose needs have all ended."""
     waited_for = {*left, *(job.name for job in running.values())}
     return [job for job in left.values() if not waited_for.intersection(job.needs)]
 
 
 def _outcome(job: Job, future: Future[Any], go_on: str) -> Outcome:
-    """Return what came of a job; raise ``KeyboardInterrupt`` if it was interrupted."""
+    """Return the outcome of a job; raise ``KeyboardInterrupt`` if it was interrupted."""
     try:
         return Outcome(job=job, result=future.result())
     except BrokenExecutor as error:
@@ -137,14 +137,14 @@ def map_jobs(
     request: StopRequest | None = None,
     go_on: str = _AGAIN,
 ) -> Generator[Result, None, None]:
-    """Yield the results of a function of each item as they come, in any order.
+    """Yield the results of a function for all items, in order of completion.
 
-    Calls that have not begun are cancelled when one fails, when the ``request`` is made, or when
-    the generator is closed. Function, items and results must be fit to be pickled.
+    Pending calls are cancelled when one fails, when the ``request`` is made, or when the generator
+    is closed. Function, items and results must be picklable.
 
     Raises:
         KeyboardInterrupt: If the request is made.
-        RunError: If a worker died; the message ends with ``go_on``, how to go on.
+        RunError: If a worker died; the message ends with ``go_on``.
     """
     running = dict.fromkeys(executor.submit(function, item) for item in items)
     try:
@@ -163,6 +163,6 @@ def map_jobs(
 
 
 def _ended(running: dict[Future[Result], Any]) -> list[Future[Result]]:
-    """Wait for a moment, or until one ends; return those that have, in their order."""
+    """Wait until a future ends or a short timeout passes; return the ended ones in order."""
     wait(running, _LOOK_EVERY, FIRST_COMPLETED)
     return [future for future in running if future.done()]

@@ -1,4 +1,4 @@
-"""Folders that work is done in: are they empty, is it the same work as when they were begun."""
+"""Job folders: check that they are empty, or that their settings are the same."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ SETTINGS = "job.yml"
 """Name of the file of a job's settings."""
 
 PROVENANCE = "run.yml"
-"""Name of the file that notes where a folder comes from."""
+"""Name of the file with a folder's provenance."""
 
 
 def shared_folder(folder: str | os.PathLike[str]) -> Path:
-    """Return the absolute path of a folder, in which nothing is written through links.
+    """Return the absolute path of a folder; from now on refuse writes through links out of it.
 
     Raises:
         ConfigError: If it is a URL.
@@ -29,7 +29,7 @@ def shared_folder(folder: str | os.PathLike[str]) -> Path:
     if "://" in os.fspath(folder):
         raise ConfigError(
             f"The folder is {os.fspath(folder)!r}: expected a path of a file system that all "
-            "machines see, as nothing is kept on object storage any more."
+            "machines see; object storage is not supported."
         )
     place = Path(folder).absolute()
     keep_inside(place)
@@ -37,7 +37,7 @@ def shared_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def is_empty(place: Path) -> bool:
-    """Return whether a folder has nothing but what a process that was killed at once left there."""
+    """Return whether a folder has at most the leftovers of a process killed at its start."""
     names = {found.name for found in place.iterdir()} - {PROVENANCE, SETTINGS}
     return all(
         name.endswith(PARTIAL_SUFFIX) or (name[0] == "." and name.endswith(LOCK_SUFFIX))
@@ -52,21 +52,21 @@ def begin_or_go_on(
     theirs: Mapping[str, Any] | None = None,
     notes: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write settings into a new folder, or check them against those that a file there has.
+    """Write settings into a new folder, or compare them with those already there.
 
     Args:
         file: The file of the settings.
-        what: Is done there, such as ``corpus``.
+        what: Kind of the work in messages, such as ``corpus``.
         ours: The settings.
-        theirs: Those of the file; by default they are read.
-        notes: Where a new folder comes from, which is noted in it.
+        theirs: Settings in the file; by default they are read.
+        notes: Provenance to write into a new folder.
 
     Raises:
-        RunError: If the settings differ, a folder without them is not empty, or cannot be written.
+        RunError: If the settings differ, or the folder is not empty or cannot be written.
     """
     place = file.parent
     try:
-        if place.is_dir() and not is_empty(place):  # else nothing was done there yet
+        if place.is_dir() and not is_empty(place):  # else it has no results yet
             if not file.is_file():
                 raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
             known = load_yaml(file.read_text("utf-8")) if theirs is None else theirs
@@ -81,10 +81,10 @@ def begin_or_go_on(
 
 
 def check_same(theirs: Any, ours: Any, what: str) -> None:
-    """Refuse other settings than those with which something was begun.
+    """Check that settings equal those with which the work was started.
 
     Raises:
-        RunError: If they differ; the message names the first setting that does.
+        RunError: If they differ; the message names the first difference.
     """
     found = _difference("", theirs, load_yaml(dump_yaml(ours)))
     if found is not None:
@@ -103,7 +103,7 @@ def _difference(name: str, theirs: Any, ours: Any) -> str | None:
 
 
 def unwritable(place: Path, error: OSError) -> RunError:
-    """Return the error of a folder that refuses a file."""
+    """Return the error for a folder that cannot be written."""
     return RunError(
         f"Folder '{place}' cannot be written: {error.strerror or error}. Expected a place in which "
         "files can be made."

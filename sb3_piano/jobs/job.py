@@ -1,4 +1,4 @@
-"""Jobs: work in a folder that may end at any moment, and goes on from there."""
+"""Jobs: resumable work, each in a folder of its own."""
 
 from __future__ import annotations
 
@@ -14,50 +14,50 @@ from sb3_piano.jobs.folders import SETTINGS, begin_or_go_on, is_empty
 from sb3_piano.locks import LOCK_SUFFIX, hold
 
 Work = Callable[[Any], Mapping[str, Any]]
-"""Does a job, which it is called with, or the rest of it, and returns its result."""
+"""Function that does a job, or the rest of it, and returns its result."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """Work in a folder of its own.
+    """Resumable work in a folder of its own.
 
     The folder gets ``job.yml``, the settings, when the work begins, and ``result.json`` when it is
-    done. A subclass may keep them elsewhere, and say how far it is.
+    done. A subclass may use other files, and may report its progress.
     """
 
     kind: ClassVar[str] = "job"
-    """What messages call it."""
+    """Word for the job in messages."""
 
     name: str
-    """What it is called, unlike all others of the same work."""
+    """Name, unique among the jobs of a call."""
     folder: Path
-    """Where it is done, by a path that every process has."""
+    """Folder of the job, by a path that is valid in every process."""
     work: Work
-    """Does it, from wherever it stopped before; raises ``KeyboardInterrupt`` if it is interrupted.
-    Other processes must be able to import it. The result has JSON's types."""
+    """Function that does the job, or resumes it; raises ``KeyboardInterrupt`` if it is interrupted.
+    Other processes must be able to import it. The result has JSON types."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """What it is, in YAML's types; a folder that was begun with other settings is refused."""
+    """Settings in YAML types; a folder with other settings is refused."""
     needs: tuple[str, ...] = ()
-    """Names of the jobs that have to be done before."""
+    """Names of the jobs that must finish first."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """What may differ from one call to the next, such as how often to save."""
+    """Options that may change between calls, such as how often to save."""
 
     @property
     def settings_file(self) -> Path:
-        """The file of the settings with which it was begun."""
+        """File of the job's settings."""
         return self.folder / SETTINGS
 
     def has_begun(self) -> bool:
-        """Return whether its settings were noted."""
+        """Return whether the settings file exists."""
         return self.settings_file.is_file()
 
     @property
     def result_file(self) -> Path:
-        """The file of the result, which is written last."""
+        """File of the result, which is written last."""
         return self.folder / "result.json"
 
     def result(self) -> Mapping[str, Any] | None:
-        """Return what came of it, or ``None`` if it is not done.
+        """Return the result, or ``None`` if the job is not finished.
 
         Raises:
             RunError: If the file is damaged.
@@ -65,20 +65,20 @@ class Job:
         return read_json(self.result_file, dict[str, Any], "delete it, and it is made again.")
 
     def begin(self) -> None:
-        """Note the settings, if it has any, in a new folder, or compare them with those there.
+        """Write the settings, if any, into a new folder, or compare them with those there.
 
         Raises:
-            RunError: If they differ, or something else is in the folder.
+            RunError: If they differ, or the folder has other files.
         """
         if self.settings:
             begin_or_go_on(self.settings_file, f"{self.kind} {self.name!r}", self.settings)
 
     def progress(self) -> tuple[int, int] | None:
-        """Return how much is done, and of how much, also while it is being done, if it knows."""
+        """Return the amounts done and in total, also of a running job; ``None`` if unknown."""
         return None
 
     def do(self) -> Mapping[str, Any]:
-        """Do what is left to do, and return the result; a second process waits for the first."""
+        """Do the rest of the job and return its result; a second process waits for the first."""
         with hold(self.folder.with_name(f".{self.folder.name}{LOCK_SUFFIX}")):
             found = self.result()
             if found is None:
@@ -86,7 +86,7 @@ class Job:
                 try:
                     found = self.work(self)
                     write_json(self.result_file, found)
-                except Exception:  # what has not begun may have other settings the next time
+                except Exception:  # a job without files may have other settings next time
                     if self.folder.is_dir() and is_empty(self.folder):
                         shutil.rmtree(self.folder, ignore_errors=True)
                     raise
@@ -95,24 +95,24 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What came of a job, or how far it is."""
+    """State of a job: its result, its error, or neither."""
 
     job: Job
     result: Mapping[str, Any] | None = None
-    """Its result, once it is done."""
+    """Result of a finished job."""
     error: Exception | None = None
-    """Why it failed, if it did."""
+    """Exception of a failed job."""
 
     @property
     def reason(self) -> str:
-        """Why it failed, in a line; empty if it did not."""
+        """One-line reason of a failure; empty if it did not fail."""
         if self.error is None or isinstance(self.error, SB3PianoError):
             return str(self.error or "")
         return f"{type(self.error).__name__}: {one_line(self.error)}"
 
     @property
     def state(self) -> str:
-        """``failed``, ``finished``, how far it is, or ``not begun``."""
+        """``failed``, ``finished``, the steps done, ``begun`` or ``not begun``."""
         if self.error is not None:
             return "failed"
         if self.result is not None:
@@ -124,5 +124,5 @@ class Outcome:
 
 
 def status(jobs: Iterable[Job]) -> list[Outcome]:
-    """Return how far each job is by its folder, also while it is being done."""
+    """Read the state of each job from its folder, also of running jobs."""
     return [Outcome(job=job, result=job.result()) for job in jobs]

@@ -1,4 +1,4 @@
-"""Pools of processes: each does a job at a time, and all end with the process that made them."""
+"""Process pools: each process runs one job at a time and ends with its parent."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ T = TypeVar("T")
 _FILE = str(Path(__file__).with_name("worker.py"))
 _PROGRAM = f"import runpy; runpy.run_path({_FILE!r}, run_name='__sb3_piano_worker__')"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Libraries of a worker compute with one thread, unless the environment says otherwise."""
+"""Default environment variables of a worker: one thread per library."""
 
 
 @contextlib.contextmanager
@@ -39,32 +39,32 @@ def open_executor(
     ray: str | None = None,
     resources: Resources = Resources(),  # noqa: B008 - frozen
 ) -> Iterator[Executor]:
-    """Give an executor of processes that end with the block, or with this process; or of Ray.
+    """Open an executor of worker processes, or of a Ray cluster, for the length of a block.
 
-    A job that its process does not survive raises a ``BrokenExecutor``, and the next one gets a new
-    process; on a cluster it is begun again on any node, and must be fit for that. At the end of the
-    block, jobs that have not begun are cancelled, and those that run get SIGTERM, or Ctrl-C on a
-    cluster, and a minute to save what they have.
+    Worker processes end with the block or with this process. If one dies, its job raises
+    ``BrokenExecutor`` and the next job gets a new process; on a cluster the job restarts on any
+    node, and must support that. At the end of the block, pending jobs are cancelled; running ones
+    get SIGTERM, or Ctrl-C on a cluster, and a minute to save their state.
 
     Args:
         workers: Processes on this machine; by default one for each usable core.
-        ray: Address of a cluster of Ray, which then does the jobs: ``HOST:PORT`` as
-            ``ray start --head`` prints it, ``auto`` for the one that this machine belongs to,
-            ``ray://HOST:PORT`` through Ray's client, or ``local`` for a new one on this machine,
-            which ends with the block. Every node needs this package, of the same version. Jobs work
-            in the present folder, where a node has one of its path.
-        resources: What a job needs, on a cluster.
+        ray: Address of a Ray cluster that runs the jobs: ``HOST:PORT`` as printed by
+            ``ray start --head``, ``auto`` for this machine's cluster, ``ray://HOST:PORT`` through
+            Ray's client, or ``local`` for a new one on this machine, which ends with the block.
+            Every node needs the same version of this package. Jobs run in the path of the working
+            directory, on nodes that have it.
+        resources: Resources of a job on a cluster.
 
     Raises:
-        ConfigError: If ``workers`` is no whole number from 1 on or given with a cluster, or that
-            cannot be reached.
+        ConfigError: If ``workers`` is not a positive integer or is given with a cluster, or the
+            cluster cannot be reached.
         MissingPackageError: If Ray is not installed.
     """
     checked("workers", workers, Count | None)
     if workers is not None and ray is not None:
         raise ConfigError(
-            f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run "
-            "at once on a cluster follows from what each of them needs."
+            f"workers is {workers} with ray {ray!r}: expected one of them. On a cluster, the "
+            "resources of the jobs decide how many run at once."
         )
     executor: _Pool | RayExecutor
     executor = _Pool(workers or usable_cores()) if ray is None else RayExecutor(ray, resources)
@@ -75,7 +75,7 @@ def open_executor(
 
 
 class Here(Executor):
-    """Executor of the calling thread: a job is done when it is submitted."""
+    """Executor that runs each job in the calling thread on submission."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Call a function; return its result as a future."""
@@ -88,7 +88,7 @@ class Here(Executor):
 
 
 class _Pool(ThreadPoolExecutor):
-    """Executor whose threads each have a process do their jobs."""
+    """Executor with one worker process for each thread."""
 
     def __init__(self, workers: int) -> None:
         share_temporary_folder()
@@ -99,7 +99,7 @@ class _Pool(ThreadPoolExecutor):
         self._lock = threading.Lock()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Let a process call a function; its result is a future."""
+        """Call a function in a worker process; return its result as a future."""
         return super().submit(self._call, fn, args, kwargs)
 
     def _call(self, fn: Callable[..., Any], args: Any, kwargs: Any) -> Any:
@@ -123,25 +123,25 @@ class _Pool(ThreadPoolExecutor):
         return found
 
     def end(self) -> None:
-        """End all processes, and wait until they have ended."""
+        """End all worker processes and wait for them."""
         with self._lock:
             self._ended = True
         for worker in list(self._workers):
-            worker.requests.close()  # whose end it waits for
+            worker.requests.close()  # the worker ends when this pipe closes
         self.shutdown(cancel_futures=True)
         for worker in list(self._workers):
             worker.process.wait()
 
 
 class _Worker:
-    """A process that does one job at a time."""
+    """Worker process that runs one job at a time."""
 
     def __init__(self) -> None:
         theirs, self.requests = multiprocessing.Pipe(duplex=False)
         self._answers, answers = multiprocessing.Pipe(duplex=False)
         descriptors = (theirs.fileno(), answers.fileno())
-        # Ctrl-C reaches the group of a terminal, and a system that shuts down ends whole groups: it
-        # is for the process that made the pool to answer.
+        # A process group of its own: Ctrl-C and a shutdown signal whole groups, and the process
+        # that made the pool handles them.
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", _PROGRAM, *map(str, descriptors)],
             stdin=subprocess.DEVNULL,
@@ -154,11 +154,11 @@ class _Worker:
         about = spawn.get_preparation_data(f"worker-{self.process.pid}")
         about["authkey"] = bytes(about["authkey"])
         about["temporary_folder"] = multiprocessing.util.get_temp_dir()
-        with contextlib.suppress(OSError):  # it has ended, which its first job notices
+        with contextlib.suppress(OSError):  # it has died, which its first job reports
             self.requests.send_bytes(pickle.dumps(about))
 
     def call(self, request: bytes) -> Any:
-        """Return whether a job raised, and what it returned or raised."""
+        """Run a job; return whether it raised, and its result or exception."""
         try:
             self.requests.send_bytes(request)
             answer = self._answers.recv_bytes()

@@ -1,4 +1,4 @@
-"""The start of processes of environments."""
+"""Start method of environment processes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Literal
 from sb3_piano.unfinished import delete_unowned, own
 
 START_METHOD: Literal["forkserver", "spawn"] = (
-    "forkserver" if sys.platform == "linux" else "spawn"  # macOS's libraries do not bear forks
+    "forkserver" if sys.platform == "linux" else "spawn"  # macOS's libraries are not fork-safe
 )
 _OURS = ".sb3-piano"
 _LIBRARIES = ("torch", "gymnasium", "stable_baselines3", "sb3_contrib", "scipy.optimize")
@@ -23,11 +23,11 @@ _LIBRARIES = ("torch", "gymnasium", "stable_baselines3", "sb3_contrib", "scipy.o
 def process_context() -> (
     multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext
 ):
-    """Return the context in which to start processes; fork is not safe beside threads.
+    """Return the multiprocessing context for new processes; fork is not safe with threads.
 
-    On Linux they are forked from a process without threads, which has imported the libraries that
-    take seconds, once for all. It is started with the first of them: later changes of environment
-    variables do not reach it. Elsewhere each process is a new interpreter.
+    On Linux, processes are forked from a server without threads that has imported the slow
+    libraries once. It starts with the first process and does not see later changes of environment
+    variables. Elsewhere each process is a new interpreter.
     """
     share_temporary_folder()
     if START_METHOD == "spawn":
@@ -38,18 +38,18 @@ def process_context() -> (
 
 
 def share_temporary_folder() -> None:
-    """Let processes that are started now put their sockets into this one's folder.
+    """Make child processes put their sockets into the temporary folder of this process.
 
-    One that is killed then leaves none of its own. What this one leaves if it is killed the next
-    deletes, by a mark in it. A process that a program started shares that program's folder: it is
-    not marked, as it outlives the process.
+    A killed child then leaves no folder of its own. This process marks its folder, and if it is
+    killed, the next run deletes the folder by the mark. A child process shares its parent's folder
+    and does not mark it, as the folder outlives the child.
     """
     if multiprocessing.parent_process() is not None:
         return
     folder = Path(multiprocessing.util.get_temp_dir())
     if (folder / _OURS).exists():
         return
-    with contextlib.suppress(OSError):  # Windows opens no folders
+    with contextlib.suppress(OSError):  # Windows cannot open folders
         own(os.open(folder, os.O_RDONLY))
         (folder / _OURS).touch()
         delete_unowned(mark.parent for mark in folder.parent.glob(f"pymp-*/{_OURS}"))

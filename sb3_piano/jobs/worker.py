@@ -1,8 +1,8 @@
-"""A process of a pool: it does the jobs that its parent sends, one after the other.
+"""Worker process of a pool: it runs the jobs sent by its parent, one after the other.
 
-The pool runs this file by itself, before the package or anything else that takes long is imported,
-so it needs nothing but the standard library: from its first moments on a thread waits for the end
-of the parent, also while a job's libraries are still being imported.
+The pool runs this file before importing the package or any other slow library, so it needs only the
+standard library. From the start a thread watches for the end of the parent, also while a job's
+libraries are being imported.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from multiprocessing import process, spawn
 from multiprocessing.connection import Connection
 from typing import Any
 
-GRACE = 60.0  # s, that a training has to save what it has
+GRACE = 60.0  # s, time for a training to save a checkpoint
 
 
 def main(requests: int, answers: int) -> None:
-    """Do what comes through one pipe, send what comes of it through another, until they end."""
+    """Run the jobs from one pipe and send their results through another, until both close."""
     todo: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     ending = threading.Event()
     for descriptor in (requests, answers):
@@ -36,19 +36,19 @@ def main(requests: int, answers: int) -> None:
     _prepare(pickle.loads(todo.get()))
     while not ending.is_set():
         answer = _answer(todo.get())
-        with contextlib.suppress(OSError):  # nobody is left to read it
+        with contextlib.suppress(OSError):  # the parent has ended
             out.send_bytes(answer)
     atexit._run_exitfuncs()
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(0)  # taking torch apart takes seconds, and nobody is left to wait for it
+    os._exit(0)  # torch's teardown takes seconds
 
 
 def _listen(requests: Connection, todo: queue.SimpleQueue[bytes], ending: threading.Event) -> None:
-    """Take requests; end this process when the pool ends, or its process was killed.
+    """Receive requests; end this process when the pool ends or its process was killed.
 
-    What trains saves a checkpoint first, see :func:`~sb3_piano.interrupts.stop_on_signal`; all else
-    ends at once.
+    A training saves a checkpoint first, see :func:`~sb3_piano.interrupts.stop_on_signal`; any other
+    job ends at once.
     """
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -60,10 +60,10 @@ def _listen(requests: Connection, todo: queue.SimpleQueue[bytes], ending: thread
 
 
 def _prepare(parent: dict[str, Any]) -> None:
-    """Take the paths and the main module of the parent, as ``multiprocessing`` does."""
+    """Adopt the import paths and main module of the parent, as ``multiprocessing`` does."""
     current: Any = process.current_process()
     current._config["tempdir"] = parent.pop("temporary_folder")
-    current._inheriting = True  # a script without its guard is refused, and does not start others
+    current._inheriting = True  # a script without a main guard is refused and starts no workers
     try:
         spawn.prepare(parent)
     finally:
@@ -71,7 +71,7 @@ def _prepare(parent: dict[str, Any]) -> None:
 
 
 def _answer(request: bytes) -> bytes:
-    """Call a function; return whether it raised, and what it returned or raised, pickled."""
+    """Call a function; return, pickled, whether it raised, and its result or exception."""
     try:
         function, arguments, options = pickle.loads(request)
         return pickle.dumps((False, function(*arguments, **options)))
@@ -79,7 +79,7 @@ def _answer(request: bytes) -> bytes:
         error.add_note(f"In a worker:\n{traceback.format_exc()}")
         try:
             answer = pickle.dumps((True, error))
-            pickle.loads(answer)  # many exceptions can be pickled, and not be made again
+            pickle.loads(answer)  # many exceptions can be pickled but not unpickled
         except Exception:
             answer = pickle.dumps((True, RuntimeError(traceback.format_exc())))
         return answer

@@ -1,1 +1,1 @@
-"""What made the shipped network, its results and its pages. Nothing else needs it."""
+"""Tools that made the shipped network, its results and its web page; other rooms do not use it."""

@@ -1,4 +1,4 @@
-"""Corpora: many pieces, played by several players with noise, recorded shard by shard."""
+"""Record corpora: many pieces, performed by several players with noise, shard by shard."""
 
 from __future__ import annotations
 
@@ -49,17 +49,17 @@ Env = gym.Env[Any, Any]
 
 
 DEFAULT_NOISE = (0.0, 0.03, 0.06, 0.1)
-"""Standard deviations, rad, with which learners see how a planned pianist recovers."""
+"""Standard deviations of the action noise, rad, chosen so that recoveries are recorded."""
 
 
 class Performance(NamedTuple):
-    """What is played, by whom, and with how much noise."""
+    """Piece, player, noise and seed of one performance."""
 
     score: Score
     piece: str
     """Name or file of the piece."""
     player: str
-    """Its spec, as the settings have it."""
+    """Spec of the player, as in the settings."""
     noise: float
     """Standard deviation of the noise, rad."""
     seed: int
@@ -72,7 +72,7 @@ def _pieces(value: Any) -> tuple[str, ...]:
         if isinstance(piece, Score):
             raise ConfigError(
                 f"pieces has {piece.title!r} as a score: expected its name or file, which other "
-                "processes find, too."
+                "processes can find."
             )
     return tuple(map(str, found))
 
@@ -81,9 +81,8 @@ def _pieces(value: Any) -> tuple[str, ...]:
 class CorpusConfig:
     """All settings of a corpus of performances.
 
-    Each excerpt is played by each player, each time in ``episodes`` performances with noise in
-    turns. Performances are numbered in this order; each is a function of the settings and of its
-    number alone.
+    Each player performs each excerpt ``episodes`` times, with the noise levels in turn.
+    Performances are numbered in this order. Each one depends only on the settings and its number.
     """
 
     pieces: Annotated[tuple[str, ...], BeforeValidator(_pieces)]
@@ -91,9 +90,9 @@ class CorpusConfig:
     players: Annotated[tuple[str, ...], MinLen(1), Listed] = ("planned",)
     """Specs of players, see :class:`~sb3_piano.players.PlayerSpec`."""
     excerpts: Count | None = None
-    """How many excerpts are drawn, from the pieces in turns; by default one of each piece."""
+    """Number of excerpts, drawn from the pieces in turn; by default one of each piece."""
     seconds: Positive | None = None
-    """Length of an excerpt, s, from a note drawn at random; by default pieces are played whole."""
+    """Length of an excerpt, s, from a randomly drawn note on; by default whole pieces."""
     episodes: Count = 4
     """Performances of each excerpt by each player."""
     noise: Annotated[tuple[Annotated[Number, Ge(0), Unit("rad")], ...], MinLen(1), Listed] = (
@@ -102,16 +101,16 @@ class CorpusConfig:
     """Standard deviations of the noise on the actions, rad; an excerpt's performances take
     turns."""
     noise_memory: Annotated[NotNegative, Unit("s")] = DEFAULT_MEMORY
-    """Time in which the noise's correlation falls to 1/e, s."""
+    """Time constant of the noise's autocorrelation (decay to 1/e), s."""
     start: Annotated[NotNegative, Unit("rad")] = 0.0
     """Standard deviation of the joints at the start, rad."""
     by_hand: bool = False
-    """Whether what is observed and played is by hand (observation "hands" and
-    :class:`~sb3_piano.wrappers.HandActions`), from which ``distill`` learns."""
+    """Whether to record by hand (observation "hands" and :class:`~sb3_piano.wrappers.HandActions`),
+    as ``distill`` needs."""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
-    """Options of the environment, but for the score; runs have their own."""
+    """Options of the environment, except the score; runs use their own."""
     shard: Count = 25
-    """Performances of a data set, which one process plays."""
+    """Performances in one data set, which one process records."""
     seed: Index = 0
     """Seed of the excerpts, the noise and the starts."""
 
@@ -125,12 +124,12 @@ class CorpusConfig:
         return n_excerpts * len(self.players) * self.episodes
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the settings in YAML's types, with which the class can be called again."""
+        """Return the settings in YAML types, from which the class can be created again."""
         found: dict[str, Any] = plain(dataclasses.asdict(self), "corpus")
         return found
 
     def performance(self, number: int) -> Performance:
-        """Return what is played, and by whom, in the performance of a number.
+        """Compute piece, player, noise and seed of a numbered performance.
 
         Raises:
             ScoreError: If the piece cannot be read.
@@ -162,26 +161,26 @@ def record_corpus(
     workers: int | None = None,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> RecordedCorpus | None:
-    """Record a corpus, or go on recording it; return ``None`` if it was interrupted.
+    """Record a corpus, or resume its recording; return ``None`` if it was interrupted.
 
-    In a folder in which it was begun, shards that are whole are kept, and those that are missing or
-    damaged are made. The result is the same whoever makes it, in whatever order, on processors of
-    one kind with packages of the same versions.
+    In a folder with a part of the corpus, complete shards are kept; missing or damaged ones are
+    made. The result does not depend on who makes it or in which order, given the same kind of
+    processor and the same versions of packages.
 
     ============== ================================================================================
-    ``corpus.yml`` the settings, and checksums of the files that are played or that play
+    ``corpus.yml`` settings, and checksums of the files of pieces and players
     ``run.yml``    command line, versions of packages, time
     ``data/``      Minari data sets, and a manifest of each
-    ``index.json`` when all are there: their names and contents, and a checksum of those
+    ``index.json`` when complete: names and contents of the shards, and a checksum of those
     ============== ================================================================================
 
     Args:
-        config: The settings.
-        folder: Where to: a new or empty folder, or one to go on with.
-        executor: Makes the shards, where it sees folder and files by the same paths; by default a
-            pool of ``workers`` processes, see :func:`~sb3_piano.jobs.open_executor`.
+        config: Settings of the corpus.
+        folder: Output folder: new, empty, or with a part of the same corpus.
+        executor: Executor that sees folder and files by the same paths; by default a pool of
+            ``workers`` processes, see :func:`~sb3_piano.jobs.open_executor`.
         workers: Processes of that pool.
-        on_progress: Is told how many performances are over, and of how many.
+        on_progress: Called with the number of finished performances and the number of all.
 
     Raises:
         ConfigError: If a setting is not valid, or a player cannot play.
@@ -220,7 +219,7 @@ def record_corpus(
 def corpus_jobs(
     config: CorpusConfig, place: Path, inputs: Mapping[str, str] | None = None
 ) -> list[datasets.ShardJob]:
-    """Return the jobs of a corpus; ``inputs`` are checksums of the files that decide it."""
+    """List the jobs of a corpus; ``inputs`` are checksums of the files that determine it."""
     inputs = _inputs(config) if inputs is None else inputs
     settings, size = config.to_mapping(), config.shard
     about = {name: value for name, value in settings.items() if name != "pieces"}
@@ -239,9 +238,9 @@ def corpus_jobs(
 
 @contextlib.contextmanager
 def _playing(config: CorpusConfig) -> Iterator[tuple[Env, datasets.Play]]:
-    """Give the environment that is recorded, and what plays a performance in one like it."""
+    """Open the environment that is recorded, and a function that records a performance."""
     with torch_computing(1), warnings.catch_warnings(), contextlib.ExitStack() as opened:
-        warnings.simplefilter("ignore", PlanWarning)  # scores tell it, of thousands of pieces
+        warnings.simplefilter("ignore", PlanWarning)  # the scores show the failures
         players = {n: opened.enter_context(open_player(config, n)) for n in config.players}
 
         def play(number: int) -> Any:
@@ -258,10 +257,10 @@ def _playing(config: CorpusConfig) -> Iterator[tuple[Env, datasets.Play]]:
 
 @contextlib.contextmanager
 def open_player(config: CorpusConfig, name: str) -> Iterator[tuple[Player, Env]]:
-    """Give a player and where it plays, as long as the block lasts.
+    """Open a player and its environment for the length of a block.
 
     Raises:
-        ConfigError: If it cannot play there.
+        ConfigError: If the player cannot play there.
         RunError: If a run cannot be loaded.
     """
     spec = PlayerSpec.parse(name)
@@ -282,18 +281,18 @@ def open_player(config: CorpusConfig, name: str) -> Iterator[tuple[Player, Env]]
 def _check_piece_can_be_given(env: Env, run: str) -> None:
     piano = env.unwrapped
     if not isinstance(piano, PianoEnv):
-        raise ConfigError(f"The run '{run}' is no piano's: expected one, for a corpus.")
+        raise ConfigError(f"The run '{run}' has no piano environment: a corpus needs one.")
     other = piano.default_score.stretch(1.5)
     env.reset(seed=0, options={"score": other})
     if not np.isclose(piano.score.duration, other.duration):
         raise ConfigError(
-            f"The run '{run}' has wrappers that choose what it plays: expected one without, for "
+            f"The run '{run}' has wrappers that choose its pieces: expected one without, for "
             "a corpus."
         )
 
 
 def _check_players(config: CorpusConfig) -> None:
-    """Open each player once, so that what is wrong with it is told now and not by a worker."""
+    """Open each player once, so that errors appear now and not in a worker."""
     spaces = None
     for name in config.players:
         with open_player(config, name) as (_, env):
@@ -301,16 +300,16 @@ def _check_players(config: CorpusConfig) -> None:
             if spaces not in (None, own):
                 raise ConfigError(
                     f"The player {name!r} observes {own[0]} and plays {own[1]}, "
-                    f"{config.players[0]!r} other: expected players that see and do the same, or a "
+                    f"unlike {config.players[0]!r}: expected players with equal spaces, or a "
                     "corpus for each."
                 )
             spaces = own
 
 
 def _inputs(config: CorpusConfig) -> dict[str, str]:
-    """Return the checksums of what is played or plays, by its name.
+    """Compute the checksums of pieces and players' files, by name.
 
-    Of an imported piece it is that of its notes: each account keeps files of its own.
+    An imported piece has the checksum of its notes: each account has files of its own.
     """
     library = Library()
     imported = set(library.names())

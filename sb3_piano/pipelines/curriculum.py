@@ -1,4 +1,4 @@
-"""A curriculum: a chain of jobs, each a run that starts from the one before."""
+"""Train a curriculum: a chain of jobs, each a run that starts from the previous one."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from sb3_piano.training import RunFolder
 from sb3_piano.training.runs.start import start_plugin
 
 _FORMER = "curriculum.json"
-"""File of former versions."""
+"""File of earlier versions."""
 
 _SIZES = ("n_envs", "buffer_size")
-"""What has to be equal where a stage begins with the replay buffer of the one before."""
+"""Settings that must be equal if a stage starts with the previous replay buffer."""
 
 
 def run_curriculum(
@@ -43,28 +43,28 @@ def run_curriculum(
 ) -> Trained:
     """Train the stages of a curriculum, one after the other.
 
-    Each starts from the last model of the one before by
+    Each starts from the last model of the previous one by
     :class:`~sb3_piano.training.StartFromRun`: networks, optimizers, entropy coefficient and
-    statistics of ``VecNormalize``. Step count and schedules begin anew.
+    statistics of ``VecNormalize``. Step count and schedules restart.
 
-    The same call goes on: after Ctrl-C or SIGTERM where it stopped, after a crash from the last
-    checkpoint. A stage that has ended is not trained again; stages that have not begun may be
-    changed, left out or added. Their environments are made before any of them is trained, so that
-    what does not fit is told at once.
+    The same call resumes: after Ctrl-C or SIGTERM where training stopped, after a crash from the
+    last checkpoint. Finished stages are not trained again; stages that have not begun may be
+    changed, removed or added. All their environments are made before training, so that misfits are
+    reported at once.
 
-    The folder gets ``curriculum.yml``, each stage with all its settings, and the seed; and
-    ``<n>_<name>/``, the run of stage n, with the stage's evaluations in ``evaluations.json`` and,
-    once it has ended, after how many steps and why in ``result.json``.
+    The folder gets ``curriculum.yml``, with all settings of each stage and the seed, and
+    ``<n>_<name>/``, the run of stage n. The run has the stage's evaluations in ``evaluations.json``
+    and, once finished, the steps and the reason of its end in ``result.json``.
 
     Args:
         curriculum: The stages.
-        folder: The curriculum's folder, new, empty or one to go on in; by default
+        folder: Folder of the curriculum, new, empty or to be resumed; by default
             ``<runs_dir>/curricula/<name>``.
-        runs_dir: Where runs are kept.
-        seed: Seed of each stage, in place of the curriculum's; without either, one is drawn.
+        runs_dir: Parent folder of runs.
+        seed: Seed of each stage, instead of the curriculum's; without either, one is drawn.
         progress_bar: Whether to show progress on the terminal.
         checkpoint_every: Environment steps between two checkpoints.
-        on_stage: Is called with each stage's job before it is trained.
+        on_stage: Called with each stage's job before its training.
 
     Raises:
         ConfigError: If a setting is invalid, or a stage cannot start from the one before.
@@ -83,7 +83,7 @@ def run_curriculum(
         job.begin()
     check_fit(curriculum, begun)
     busy = f"The curriculum in '{place}' is being trained"
-    expected = "one process in a folder. Wait for its end or stop it; then go on with: "
+    expected = "one process in a folder. Wait for its end or stop it; then resume with: "
     with hold(place / LOCK_SUFFIX, busy, expected + go_on(place)):
         try:
             write_yaml(place / CURRICULUM_FILE, curriculum.to_mapping())
@@ -97,7 +97,7 @@ def run_curriculum(
 
 
 def curriculum_jobs(place: Path, curriculum: Curriculum, **options: Any) -> list[TrainingJob]:
-    """Return a job for each stage; it needs the one before."""
+    """Create a job for each stage; each needs the previous one."""
     jobs: list[TrainingJob] = []
     shared = {name: getattr(curriculum, name) for name in ("algo", "seed", "init_from")}
     shared = {name: value for name, value in shared.items() if value is not None}
@@ -124,7 +124,7 @@ def curriculum_jobs(place: Path, curriculum: Curriculum, **options: Any) -> list
 
 
 def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
-    """Return a curriculum with the seed of its folder, and how many stages have begun there."""
+    """Return a curriculum with its folder's seed, and the number of stages begun there."""
     file = place / CURRICULUM_FILE
     if (place / _FORMER).is_file():
         raise RunError(
@@ -134,7 +134,7 @@ def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
     if place.is_dir() and not (file.is_file() or is_empty(place)):
         raise RunError(
             f"Folder '{place}' is not empty, and holds no curriculum: expected a new or empty "
-            "folder, or that of a curriculum."
+            "folder, or a curriculum's."
         )
     begun = sorted(path.name for path in place.glob("*_*") if RunFolder(path).has_begun)
     for name in begun:
@@ -153,7 +153,7 @@ def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
 
 
 def check_fit(curriculum: Curriculum, begun: int = 0) -> None:
-    """Make the environments of all stages but for those that have begun, and the last of these.
+    """Check the environments of the stages that have not begun, and of the last begun one.
 
     Raises:
         ConfigError: If a setting is invalid, or a stage cannot start from the one before.
@@ -173,12 +173,12 @@ def check_fit(curriculum: Curriculum, begun: int = 0) -> None:
                 if before[name] != now[name]:
                     raise ConfigError(
                         f"Its {name} is {now[name]}, that of the stage before {before[name]}: "
-                        "expected equal ones, of the same wrappers and an observation that does "
-                        "not go by the piece, such as 'roll'; for sizes, or no with_buffer."
+                        "expected equal values. Use the same wrappers and an observation that does "
+                        "not depend on the piece, such as 'roll'; for sizes, or no with_buffer."
                     )
             before = now
 
 
 def go_on(place: Path) -> str:
-    """Return the command that goes on with a curriculum in its folder."""
+    """Return the command that resumes a curriculum."""
     return f"sb3-piano curriculum --resume {shlex.quote(str(place))}"

@@ -1,4 +1,4 @@
-"""Settings of a curriculum: stages that are trained one after the other, and their YAML file."""
+"""Settings of a curriculum: stages trained one after the other, and their YAML file."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ CONDITIONS = tuple(
     for name in EPISODE_METRICS
     if name.endswith(("f1", "precision", "recall", "agreement", "return")) and name != "noop_f1"
 )
-"""Metrics that may end a stage: those of which more is better, up to 1."""
+"""Metrics that may end a stage: higher is better, and the maximum is 1."""
 
 _EXAMPLE = "{piece: hanon-01}"
 _PLAYED = ("piece", "pieces", "env")
 _OTHERS = ("eval_freq", "patience")
-# What a stage's run has from elsewhere, or sets itself.
+# Settings that a stage's run gets from elsewhere, or sets itself.
 _NOT_OF_STAGES = {"algo", "env_id", "env_module", "algorithm_kwargs", "seed"}
 _NOT_OF_STAGES |= {"action_noise", "tensorboard_log"}
 
 
 def _condition(value: Any) -> Any:
-    """Return the condition that ``until`` has in YAML: ``{onset_f1: 0.8, patience: 2}``."""
+    """Parse the condition ``until`` of YAML: ``{onset_f1: 0.8, patience: 2}``."""
     if value is None or isinstance(value, Condition):
         return value
     others, least = parted(coerce_mapping(value, "until"), _OTHERS)
@@ -60,7 +60,7 @@ def _condition(value: Any) -> Any:
 
 
 _folder: ContextVar[str] = ContextVar("_folder", default="")
-"""Where the paths of files begin."""
+"""Folder to which relative paths refer."""
 
 
 def _joined(text: str) -> str:
@@ -68,7 +68,7 @@ def _joined(text: str) -> str:
 
 
 def _absolute(text: str) -> str:
-    """Return the absolute path of a file; text that means none as it is."""
+    """Return the absolute path of a file; leave other text as it is."""
     path = _joined(text)
     return path if text not in NAMED and (is_path(text) or os.path.isfile(path)) else text
 
@@ -87,27 +87,27 @@ _Located = Annotated[TextOrPath, AfterValidator(_absolute)]
 
 @settings
 class Stage:
-    """A stage: what is played (``piece``, ``pieces`` or ``env``), how, and when it ends."""
+    """A stage: a piece, pieces or an environment, settings, and a condition for its end."""
 
     piece: _Located | None = None
-    """A piece's name or file, which ``RoboPianist-v0`` plays."""
+    """Name or file of a piece, played in ``RoboPianist-v0``."""
     pieces: Annotated[tuple[_Located, ...], Listed, _OneOrSeveral] = ()
-    """Several in its place: entries of :func:`~sb3_piano.music.select_pieces`."""
+    """Several pieces instead: entries of :func:`~sb3_piano.music.select_pieces`."""
     env: str | None = None
-    """The id of an environment in their place; ``module:Id`` imports the module."""
+    """Id of an environment instead; ``module:Id`` imports the module."""
     name: str | None = None
-    """Name of the stage in the name of its folder; by default that of what is played."""
+    """Name of the stage in its folder's name; by default that of the piece or environment."""
     config: _Located | None = None
-    """Hyperparameters, as ``path`` of :func:`~sb3_piano.training.load_config`."""
+    """Hyperparameters: ``path`` of :func:`~sb3_piano.training.load_config`."""
     until: Annotated[Condition | None, BeforeValidator(_condition)] = None
     """Condition that ends the stage before its ``n_timesteps``."""
     with_buffer: bool = False
-    """Whether to begin with the replay buffer of what it starts from."""
+    """Whether to start with the replay buffer of the run from which it starts."""
     with_entropy: bool = True
-    """Whether to begin with its entropy coefficient; without, one that is learnt begins anew."""
+    """Whether to start with that run's entropy coefficient; if not, a learnt one is reset."""
     settings: Annotated[Mapping[str, Any], BeforeValidator(_settings)] = field(default_factory=dict)
-    """Settings of its run in place of those of the hyperparameters, by their names in YAML;
-    ``env_kwargs`` are added to them."""
+    """Settings of its run that replace the hyperparameters, by their names in YAML; ``env_kwargs``
+    are added."""
 
     def __post_init__(self) -> None:
         given = [name for name in _PLAYED if getattr(self, name)]
@@ -121,19 +121,19 @@ class Stage:
 
     @property
     def label(self) -> str:
-        """Name in characters that suit a folder."""
+        """Name in characters allowed in a folder's name."""
         several = self.pieces[0] if len(self.pieces) == 1 else f"{len(self.pieces)}-pieces"
         played = Path(self.piece).stem if self.piece and is_path(self.piece) else self.piece
         return re.sub(r"[^\w.-]+", "-", self.name or played or self.env or several)
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
-        """Return the stage that YAML has, with its ``settings`` one by one."""
+        """Create a stage from YAML, with its ``settings`` as single keys."""
         own, rest = parted(mapping, _OF_STAGES)
         return cls(**own, settings=rest)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the stage as YAML has it."""
+        """Return the stage in YAML's form."""
         changed = [n for n in _OF_STAGES if getattr(self, n) != getattr(Stage, n)]
         own = {name: getattr(self, name) for name in changed}
         return plain({**own, **self.settings, **_until(self.until)}, "stage")
@@ -155,18 +155,18 @@ _OF_STAGES = tuple(f.name for f in dataclasses.fields(Stage) if f.name != "setti
 
 @settings
 class Curriculum:
-    """A curriculum: stages, each of which starts from what the one before has learnt."""
+    """A curriculum: each stage starts from the previous one's model."""
 
     algo: str
     """Name of the algorithm, one of :data:`~sb3_piano.training.configuration.names.ALGORITHMS`."""
     stages: Annotated[tuple[Stage, ...], MinLen(1)]
-    """The stages in their order."""
+    """Stages in order."""
     name: str = "curriculum"
     """Name of its folder."""
     init_from: Annotated[TextOrPath, AfterValidator(_joined)] | None = None
-    """Folder of a run from which the first stage starts; by default from nothing."""
+    """Folder of the run from which the first stage starts; by default from scratch."""
     seed: Index | None = None
-    """Seed of each stage; ``None`` lets one be drawn and noted down."""
+    """Seed of each stage; if ``None``, one is drawn and saved."""
 
     def __post_init__(self) -> None:
         known, algorithm = _known_settings(self.algo), algorithm_class(self.algo)
@@ -191,10 +191,10 @@ class Curriculum:
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[Any, Any]) -> Self:
-        """Return the curriculum that YAML has.
+        """Create a curriculum from YAML.
 
-        It has fields of this class; the keys of :class:`Stage` that hold for all stages, its
-        ``settings`` one by one; and ``stages``, a list of mappings of such keys.
+        YAML has the fields of this class; keys of :class:`Stage` that hold for all stages, with its
+        ``settings`` as single keys; and ``stages``, a list of mappings of such keys.
         """
         names = [f.name for f in dataclasses.fields(cls)]
         own, common = parted(mapping, names)
@@ -215,15 +215,15 @@ class Curriculum:
         return cls(**{**own, "stages": tuple(made)})
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the curriculum in YAML's types, each stage with all its settings."""
+        """Return the curriculum in YAML types, each stage with all its settings."""
         own = {**vars(self), "stages": [stage.to_mapping() for stage in self.stages]}
         return {name: value for name, value in own.items() if value is not None}
 
 
 def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
-    """Return the curriculum that a YAML file holds, or that is trained in a folder.
+    """Load a curriculum from a YAML file or from its training folder.
 
-    Paths of files that are not absolute begin at the folder of the YAML file.
+    Relative paths refer to the folder of the YAML file.
 
     Raises:
         ConfigError: If the file cannot be read, or a setting is not valid.
@@ -240,7 +240,7 @@ def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
 
 
 def _with_evaluation(config: RunConfig, until: Condition) -> RunConfig:
-    """Return the settings of a run with the evaluations that a condition goes by."""
+    """Add the evaluations that a condition needs to the settings of a run."""
     plugins = config.callback
     if not any(plugin.is_a(MetricEvalCallback) for plugin in plugins):
         kind = OnsetF1Callback if OnsetF1Callback.metric in until.thresholds else F1Callback
@@ -262,7 +262,7 @@ def _with_evaluation(config: RunConfig, until: Condition) -> RunConfig:
 
 
 def _until(condition: Condition | None) -> dict[str, Any]:
-    """Return a condition as YAML has it; nothing if there is none."""
+    """Return a condition in YAML's form; nothing if it is ``None``."""
     if condition is None:
         return {}
     others = {name: getattr(condition, name) for name in _OTHERS}
@@ -271,7 +271,7 @@ def _until(condition: Condition | None) -> dict[str, Any]:
 
 
 def _known_settings(algo: str) -> list[str]:
-    """Return the names that settings of a stage may have."""
+    """List the allowed names in the settings of a stage."""
     arguments = [name for name in parameters_of(algorithm_class(algo)) if name[0] != "_"]
     names = [f.name for f in dataclasses.fields(RunConfig)] + arguments
     unfit = _NOT_OF_STAGES | {*_OF_STAGES, "settings"}

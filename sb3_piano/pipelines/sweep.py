@@ -1,4 +1,4 @@
-"""A sweep: a job for each run of a grid, in one folder."""
+"""Train a sweep: one job for each run of a grid, in one folder."""
 
 from __future__ import annotations
 
@@ -32,46 +32,46 @@ from sb3_piano.training.configuration.yaml_files import merged
 RESULTS = "results.csv"
 
 _FORMER = "sweep.yml"
-"""File in which former versions noted the settings of all runs."""
+"""File of earlier versions, with the settings of all runs."""
 
 
 @settings
 class SweepConfig:
-    """All settings of a sweep: its cells are every algorithm with every piece in every variant."""
+    """All settings of a sweep: each cell is an algorithm with a piece in a variant."""
 
     algos: Annotated[tuple[str, ...], Listed, MinLen(1)] = (DEFAULT_ALGORITHM,)
     """Names of algorithms."""
     pieces: Annotated[tuple[str, ...], Listed] = ()
-    """What ``RoboPianist-v0`` plays: entries of :func:`~sb3_piano.music.select_pieces`; each piece
-    is a cell of its own."""
+    """Pieces for ``RoboPianist-v0``: entries of :func:`~sb3_piano.music.select_pieces`; each is a
+    cell of its own."""
     envs: Annotated[tuple[str, ...], Listed] = ()
-    """Ids of environments, which are cells beside the pieces."""
+    """Ids of environments, each a cell beside the pieces."""
     variants: Annotated[Mapping[str, Mapping[str, Any]], MinLen(1)] = field(
         default_factory=lambda: {"": {}}
     )
     """Settings by a name that is a part of the cell's; ``config`` among them names the file."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of all runs, as in a YAML file for ``train``, such as ``n_timesteps``; those of a
-    variant come before them. ``config`` is the YAML file or the name of presets."""
+    """Settings of all runs, as in a YAML file for ``train``, such as ``n_timesteps``; a variant
+    overrides them. ``config`` is the YAML file or the name of presets."""
     seeds: Annotated[tuple[Index, ...], Listed, MinLen(1)] = (0,)
-    """Seeds of each cell; each is a run of its own."""
+    """Seeds of each cell; each gives one run."""
     episodes: Count = 1
-    """Episodes that each model plays when it is trained."""
+    """Episodes that each trained model plays."""
     checkpoint_every: Count = 10_000
-    """Environment steps between two checkpoints: what is lost at most when a process dies."""
+    """Environment steps between two checkpoints: the most that is lost if a process dies."""
     resources: Nested[Resources] = Resources()
-    """What a run needs on a cluster: fields of :class:`~sb3_piano.jobs.Resources`."""
+    """Resources of a run on a cluster: fields of :class:`~sb3_piano.jobs.Resources`."""
 
     def __post_init__(self) -> None:
         if not (self.pieces or self.envs):
             raise ConfigError("A sweep has neither pieces nor envs: expected at least one.")
 
     def runs(self) -> dict[tuple[str, int], RunConfig]:
-        """Return the settings of each run by cell and seed.
+        """Compute the settings of each run, by cell and seed.
 
         Raises:
             ConfigError: If a run's settings are not valid, or two cells have one name.
-            UnknownPieceError: If there is no such piece.
+            UnknownPieceError: If a piece is unknown.
         """
         played: list[tuple[str, str, dict[str, Any]]] = [(env, env, {}) for env in self.envs]
         for piece in map(str, select_pieces(self.pieces) if self.pieces else ()):
@@ -94,7 +94,7 @@ class SweepConfig:
         return found
 
     def jobs(self, place: Path) -> list[TrainingJob]:
-        """Return the runs as jobs in the sweep's folder."""
+        """Create the jobs of all runs in the sweep's folder."""
         options: Any = {"episodes": self.episodes, "checkpoint_every": self.checkpoint_every}
         names = {f"{cell}/seed_{seed}": run for (cell, seed), run in self.runs().items()}
         return [
@@ -104,7 +104,7 @@ class SweepConfig:
 
 
 def load_sweep(file: str | os.PathLike[str]) -> SweepConfig:
-    """Return the settings in a YAML file.
+    """Load the settings from a YAML file.
 
     Raises:
         ConfigError: If it cannot be read or a setting is not valid; the message names the file.
@@ -124,21 +124,20 @@ def sweep(
     ray: str | None = None,
     on_result: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
 ) -> Trained:
-    """Train and evaluate every run of a grid, or go on with what is left of one.
+    """Train and evaluate all runs of a grid, or the rest of them.
 
-    The folder gets a run's folder ``<cell>/seed_<n>`` for each, and ``results.csv``, a line of
-    each. What becomes of runs that are done, had stopped or fail, and what ``executor``,
-    ``workers`` and ``ray`` mean, says :func:`~sb3_piano.jobs.finish`. Ctrl-C ends it; the same call
-    goes on.
+    Each run gets a folder ``<cell>/seed_<n>`` and a line in ``results.csv``. See
+    :func:`~sb3_piano.jobs.finish` for finished, stopped and failed runs, and for ``executor``,
+    ``workers`` and ``ray``. Ctrl-C ends the sweep; the same call resumes it.
 
     Args:
         config: The grid.
-        folder: The sweep's folder, new, empty or that of a sweep of the same settings; cells and
+        folder: The sweep's folder: new, empty, or with a sweep of the same settings; cells and
             seeds may have been added.
-        executor: Where the runs are trained.
+        executor: Executor that trains the runs.
         workers: Processes on this machine.
-        ray: Address of a cluster of Ray, all of whose nodes see the folder.
-        on_result: Is called with each run that came to an end, and how many of how many did.
+        ray: Address of a Ray cluster whose nodes all see the folder.
+        on_result: Called with each ended run, the number of ended runs and the number of all runs.
 
     Raises:
         ConfigError: If a setting is not valid, or the cluster cannot be reached.
@@ -151,7 +150,7 @@ def sweep(
     with hold(place / LOCK_SUFFIX, f"Sweep '{place}' is being run", expected):
         former = place / _FORMER
         noted = (load_yaml(former.read_text("utf-8")) or {}) if former.is_file() else {}
-        for job in jobs:  # which a former version may have begun
+        for job in jobs:  # an earlier version may have begun it
             if job.name in noted and job.folder.is_dir() and not job.has_begun():
                 write_yaml(job.settings_file, noted[job.name])
         if not (former.is_file() or (place / RESULTS).is_file() or is_empty(place)):
@@ -164,7 +163,7 @@ def sweep(
 
 
 def _write_results(place: Path, runs: Sequence[Outcome]) -> None:
-    """Write a line of each run: what it is called, how far it is, and its metrics."""
+    """Write a line for each run with its name, state and metrics."""
     rows: list[dict[str, Any]] = []
     names: dict[str, Any] = {}
     for run in runs:

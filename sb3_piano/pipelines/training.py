@@ -1,4 +1,4 @@
-"""Training as a job: a run is trained to its end, from wherever it stopped, and evaluated."""
+"""Training as a job: train a run to its end, from any checkpoint, and evaluate it."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from sb3_piano.jobs.job import Work
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
 _ENDED = "ended.json"
-"""Where a run notes that a callback has ended its training before all steps were done."""
+"""File that records that a callback ended a training early."""
 
 _EVALUATIONS = "evaluations.json"
-"""Where a run keeps the evaluations in its training."""
+"""File of the evaluations during a training."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingEvaluation:
-    """Evaluation in a training: after how many steps, and each metric's mean over episodes."""
+    """Evaluation during a training: step count, and each metric's mean over episodes."""
 
     num_timesteps: int
     metrics: Mapping[str, float]
@@ -61,11 +61,11 @@ def _train_and_evaluate(job: TrainingJob) -> Mapping[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingJob(Job):
-    """A run that is to be trained and evaluated.
+    """Job that trains and evaluates a run.
 
-    Its result has ``num_timesteps``, ``started_at`` (what the last attempt began with),
+    Its result has ``num_timesteps``, ``started_at`` (steps at the start of the last attempt),
     ``ended_by`` (``budget``, ``condition`` or ``callback``) and ``metrics``, means over the
-    episodes that the trained model plays. By default its settings are the config's.
+    episodes of the trained model. By default its settings are the config's.
     """
 
     kind: ClassVar[str] = "run"
@@ -74,13 +74,13 @@ class TrainingJob(Job):
     config: RunConfig
     """Settings of the run, with a seed."""
     until: Condition | None = None
-    """Condition that ends it before all its steps; it goes by the config's callbacks."""
+    """Condition that ends it before all its steps; it uses the config's callbacks."""
     episodes: int = 1
-    """Episodes of each of its pieces that the trained model plays; 0 for no evaluation."""
+    """Episodes of each piece for the trained model's evaluation; 0 for no evaluation."""
     checkpoint_every: int = DEFAULT_EVERY
     """Environment steps between two checkpoints."""
     progress_bar: bool = False
-    """Whether to show a bar of the steps."""
+    """Whether to show a progress bar."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "folder", Path(self.folder).absolute())
@@ -88,19 +88,19 @@ class TrainingJob(Job):
             object.__setattr__(self, "settings", self.config.to_mapping())
 
     def begin(self) -> None:
-        """Note the settings in a new folder, or compare them; see :meth:`Job.begin`."""
+        """Write the settings into a new folder, or compare them; see :meth:`Job.begin`."""
         if RunFolder(self.folder).has_begun and not self.has_begun():
-            write_yaml(self.settings_file, self.settings)  # by an older version, which noted none
+            write_yaml(self.settings_file, self.settings)  # by an older version, which wrote none
         super().begin()
 
     def progress(self) -> tuple[int, int]:
-        """Return how many environment steps are done, and how many were asked for."""
-        # The file alone: those that it names may just be replaced, by who trains.
+        """Return the numbers of environment steps done and in total."""
+        # The file alone: a training may just be replacing the files that it names.
         saved = _read(RunFolder(self.folder).checkpoint_dir / CHECKPOINT_FILE)
         return int(saved.get("num_timesteps", 0)), self.config.n_timesteps
 
     def evaluations(self, until: int | None = None) -> tuple[TrainingEvaluation, ...]:
-        """Return the evaluations in its training, of its first ``until`` steps or all.
+        """Return the training's evaluations up to ``until`` steps, or all.
 
         Raises:
             RunError: If the file is damaged.
@@ -111,22 +111,22 @@ class TrainingJob(Job):
         return tuple(one for one in found if until is None or one.num_timesteps <= until)
 
     def is_met(self, evaluations: Sequence[TrainingEvaluation]) -> bool:
-        """Return whether evaluations meet its condition."""
+        """Check whether evaluations meet the job's condition."""
         return self.until is not None and self.until.is_met([one.metrics for one in evaluations])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trained:
-    """What a sweep or a curriculum came to."""
+    """Result of a sweep or a curriculum."""
 
     folder: Path
-    """Its folder."""
+    """Folder of the sweep or curriculum."""
     runs: tuple[Outcome, ...]
-    """Each run, in the order of the grid or of the stages."""
+    """Outcomes of the runs, in the order of the grid or of the stages."""
     interrupted: bool = False
     """Whether Ctrl-C or SIGTERM ended it early."""
     had_finished: bool = False
-    """Whether there was nothing left to do."""
+    """Whether all runs had finished before."""
 
 
 def train_all(
@@ -136,9 +136,9 @@ def train_all(
     note: Callable[[Sequence[Outcome]], object] = lambda runs: None,
     **options: Any,
 ) -> Trained:
-    """Finish jobs, see :func:`~sb3_piano.jobs.finish`; ``note`` is called with all at each change.
+    """Finish jobs with :func:`~sb3_piano.jobs.finish`; call ``note`` with all at each change.
 
-    An interruption is told in the result.
+    An interruption sets ``interrupted`` of the result.
     """
     known = status(jobs)
     runs = {one.job.name: one for one in known}
@@ -161,7 +161,7 @@ def train_all(
 def train_to_end(
     folder: Path, config: RunConfig, callbacks: Sequence[BaseCallback], **options: Any
 ) -> int:
-    """Train a run, or the rest of it; return its steps, fewer where a callback has ended it.
+    """Train a run, or resume it; return its steps, fewer if a callback ended it.
 
     Raises:
         KeyboardInterrupt: If it was interrupted; a checkpoint is saved.
@@ -176,7 +176,7 @@ def train_to_end(
 
 
 class _EndWhenMet(BaseCallback):
-    """Keep the evaluations of a training's callbacks; end it once they meet its condition."""
+    """Save the evaluations of a training's callbacks; end it once they meet its condition."""
 
     def __init__(self, job: TrainingJob) -> None:
         super().__init__()
@@ -201,8 +201,8 @@ class _EndWhenMet(BaseCallback):
             for name in self._job.until.thresholds if self._job.until is not None else ():
                 if name not in metrics:
                     raise ConfigError(
-                        f"until asks for {name!r}, which the evaluations do not have, but "
-                        f"{', '.join(sorted(metrics))}: expected a metric that the piece has."
+                        f"until asks for {name!r}, which the evaluations do not have: "
+                        f"expected one of {', '.join(sorted(metrics))}."
                     )
             self._evaluations.append(TrainingEvaluation(num_timesteps=steps, metrics=metrics))
         if found:
@@ -215,5 +215,5 @@ class _EndWhenMet(BaseCallback):
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """Return what a file of a run holds; nothing if there is none."""
+    """Read a JSON file of a run; return an empty mapping if the file is missing."""
     return read_json(file, dict[str, Any], "delete it, and it is made again.") or {}

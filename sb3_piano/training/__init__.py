@@ -1,6 +1,6 @@
-"""Training runs: YAML to environments, model and files; resuming and evaluating them.
+"""Train, resume, evaluate and play runs configured in YAML.
 
-What is imported here is loaded when it is asked for, so that players need no torch.
+Names are imported on first use, so that players need no torch.
 """
 
 import importlib
@@ -71,11 +71,11 @@ _MODULES = {
     "train": "runs.train",
     "write_report": "evaluation.report",
 }
-"""Where each name is; ``SavedPlayer`` is the former name of ``OpenPlayer``."""
+"""Module of each name; ``SavedPlayer`` is the deprecated name of ``OpenPlayer``."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name when it is asked for."""
+    """Import a name on first use."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,4 +1,4 @@
-"""Searching hyperparameters with Optuna."""
+"""Search hyperparameters with Optuna."""
 
 from sb3_piano.tuning.objective import Objective
 from sb3_piano.tuning.space import Space, load_space

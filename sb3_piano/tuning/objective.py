@@ -1,4 +1,4 @@
-"""Objective of a study: how well models play that were trained with a trial's settings."""
+"""Objective of a study: train with a trial's settings and evaluate the models."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ RESULTS = tuple(f"{model}_{metric}" for model in ("final", "best") for metric in
 
 @dataclass(frozen=True)
 class Objective:
-    """Train with the settings of a trial from each seed of the study, and judge the models.
+    """Train once from each seed of the study with a trial's settings, and evaluate the models.
 
     Each training is a run in ``trials/<number>/seed_<seed>`` of the study's folder, without its
-    checkpoint. It is evaluated at equal distances by ``F1Callback`` or ``OnsetF1Callback``, in
-    place of those of the study's entry, and at its end by :func:`~sb3_piano.training.evaluate`.
-    After each, the mean of the value so far and of the trainings before is reported, by the
-    environment steps of all of them, and the trial may be pruned.
+    checkpoint. ``F1Callback`` or ``OnsetF1Callback`` evaluates it at equal distances, instead of
+    the evaluations in the study's entry, and :func:`~sb3_piano.training.evaluate` at its end. After
+    each evaluation, the mean of the present value and the finished trainings' values is reported at
+    the sum of their environment steps, and the trial may be pruned.
 
-    It is for ``study.optimize(..., catch=(Exception,))``: whatever goes wrong is noted with the
-    trial and raised.
+    Use it with ``study.optimize(..., catch=(Exception,))``: an error is recorded with the trial and
+    raised.
     """
 
     config: StudyConfig
@@ -53,7 +53,7 @@ class Objective:
         Raises:
             optuna.TrialPruned: If the study's pruner ends it early.
             KeyboardInterrupt: If Ctrl-C or SIGTERM ended a training, or Ctrl-C an evaluation.
-            Exception: Whatever a training or an evaluation raises, with the reason noted.
+            Exception: Any error of a training or an evaluation; the reason is recorded.
         """
         path, results = self.folder.trial_dir(trial.number), list[Mapping[str, float]]()
         trial.set_user_attr(trials.HOST, platform.node())
@@ -83,7 +83,7 @@ class Objective:
         return [found[f"{self.config.objective}_{self.config.metric}"] for found in results]
 
     def _report(self, trial: BaseTrial, results: Sequence[Mapping[str, float]], steps: int) -> bool:
-        """Report a mean after steps of a training that is not whole; return whether to go on."""
+        """Report a mean after steps of an unfinished training; return whether to continue."""
         n_whole = len(results) - bool(steps)
         steps += n_whole * self.config.config.n_timesteps
         trial.report(_mean(self._values(results)), steps)
@@ -96,13 +96,13 @@ class Objective:
         trial: BaseTrial,
         before: Sequence[Mapping[str, float]],
     ) -> Mapping[str, float]:
-        """Train and judge one model; return its results."""
+        """Train and evaluate one model; return its results."""
         study, going_on = self.config, True
 
         def evaluated(*_: object) -> bool:
             nonlocal going_on
             number = len(judge.evaluations_metrics)
-            if number < study.n_evaluations:  # in place of the last one the finished model counts
+            if number < study.n_evaluations:  # the finished model replaces the last evaluation
                 results = [*before, _results_of({}, judge)]
                 going_on = self._report(trial, results, number * study.interval)
             return going_on
@@ -120,7 +120,7 @@ class Objective:
         except _StoppedError:
             raise KeyboardInterrupt from None
         finally:
-            # The replay buffer would fill the disk; a trial is not resumed but run again.
+            # The replay buffer would fill the disk; a trial is not resumed but repeated.
             shutil.rmtree(RunFolder(path).checkpoint_dir, ignore_errors=True)
         done = trial.user_attrs.get(trials.STEPS, 0) + result.num_timesteps
         trial.set_user_attr(trials.STEPS, done)
@@ -137,11 +137,11 @@ class Objective:
 
 
 class _StoppedError(Exception):
-    """A signal came: a training that is not resumed need not save anything, which takes long."""
+    """Raised to end a training at a signal without the slow save: trials are not resumed."""
 
 
 class _Limit(BaseCallback):
-    """Ends a training at some time, and at once if a signal asks for it."""
+    """Callback that ends a training at a time limit, and at once on a signal."""
 
     def __init__(self, end: float) -> None:
         super().__init__()
@@ -163,7 +163,7 @@ def _mean(values: Iterable[float]) -> float:
 def _results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
     """Return final and best value of each metric of a training, by the names of :data:`RESULTS`.
 
-    ``last`` has the metrics of the model at its end; empty stands for those of the last evaluation.
+    ``last`` has the metrics of the final model; if empty, the last evaluation counts.
     """
     results, found = {}, [judge.means(number) for number in range(len(judge.evaluated_at))]
     for metric in METRICS:
@@ -174,6 +174,6 @@ def _results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[st
 
 
 def reason_of(error: BaseException) -> str:
-    """Return in one line why a trial failed."""
+    """Return the reason of a failure in one line."""
     reason = f"{type(error).__name__}: {one_line(error)}" if str(error) else type(error).__name__
     return f"out of memory: {reason}" if no_memory(error) else reason

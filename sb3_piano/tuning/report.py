@@ -1,4 +1,4 @@
-"""Files of a study: the best settings, a table, and a page of Optuna's figures."""
+"""Write the files of a study: the best settings, a table, and a page of Optuna's figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CAVEAT = (
 
 
 def commands_of(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> dict[str, str]:
-    """Return the commands that train with the best settings, ours and that of stock RL Zoo."""
+    """Return the commands that train with the best settings, for this package and for RL Zoo."""
     for best in trials.best_first(trials.counting(study))[:1]:
         entry = with_settings(config.entry, config.space.settings(best.params))
         return train_commands(config.algo, config.env_id, folder.best_file, entry)
@@ -33,7 +33,7 @@ def commands_of(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -
 
 
 def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> None:
-    """Write the entry with the best settings, if a trial is complete, and what they are."""
+    """Write the entry with the best settings and a comment, if a trial is complete."""
     count = trials.counting(study)
     for best in trials.best_first(count)[:1]:
         comment = [
@@ -41,7 +41,7 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
             f"{config.value_name} {best.value}, from the seeds {list(config.seeds)}.",
             *_CAVEAT,
             *commands_of(study, config, folder).values(),
-            "n_timesteps is that of the trials; to train longer: --steps N, in RL Zoo -n N.",
+            "n_timesteps is the trials' value; to train longer: --steps N, in RL Zoo -n N.",
         ]
         entry = with_settings(config.entry, config.space.settings(best.params))
         write_entry(folder.best_file, config.algo, config.env_id, entry, comment)
@@ -50,8 +50,8 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
 def write_table(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> None:
     """Write a row for each trial.
 
-    ``value`` is, of a pruned trial, the last one that it reported. Settings stand as the training
-    got them. What a trial does not have is left empty.
+    The ``value`` of a pruned trial is its last reported one. Settings are written as the training
+    got them. Missing values are empty.
     """
     found = study.get_trials(deepcopy=False)
     again = trials.repeated(found)
@@ -74,7 +74,7 @@ def write_table(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -
 
 
 def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> None:
-    """Write the page of a study, whatever it holds so far."""
+    """Write the report page of a study in any state."""
     count = trials.counting(study)
     counts, best = Counter(trial.state for trial in count), trials.best_first(count)
     store = shlex.quote(str(folder.journal_file)) if folder.journal_file.exists() else "URL"
@@ -101,17 +101,17 @@ def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) 
 
 
 def _figures(study: optuna.Study, value_name: str) -> dict[str, Any]:
-    """Return Optuna's figures of a study by their names, once a trial is complete.
+    """Draw Optuna's figures of a study, by name, once a trial is complete.
 
-    What of a trial matters for being among the best tenth is said by PED-ANOVA, which does not draw
-    random numbers. ``slice-<n>`` is of the n-th parameter of complete trials.
+    PED-ANOVA, which draws no random numbers, rates each parameter's importance for the best tenth
+    of the trials. ``slice-<n>`` shows the n-th parameter of complete trials.
     """
     complete = trials.best_first(study.get_trials(deepcopy=False))
     if not complete:
         return {}
     label: Any = {"target_name": value_name}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of few trials, which the page says too
+        warnings.simplefilter("ignore")  # about few trials; the page warns, too
         found = {
             "history": plots.plot_optimization_history(study, **label),
             "reports": plots.plot_intermediate_values(study),
@@ -124,6 +124,6 @@ def _figures(study: optuna.Study, value_name: str) -> dict[str, Any]:
             found[f"slice-{number}"] = plots.plot_slice(study, params=[name], **label)
     for figure in found.values():
         figure.update_layout(title=None, height=340)
-        # Labels of times that widened a margin could change the ticks, and these the labels, ...
+        # Time labels that widen a margin could change the ticks, and these the labels, ...
         figure.update_xaxes(automargin="height")
     return found

@@ -1,4 +1,4 @@
-"""Search spaces: Optuna's distributions for settings of a run, as YAML writes them."""
+"""Search spaces: Optuna's distributions of a run's settings, in YAML's form."""
 
 from __future__ import annotations
 
@@ -33,42 +33,42 @@ _FORMS = (
     "{float: [1.0e-4, 1.0e-3], log: true}, {int: [1, 10], step: 3}, {choice: [64, 128]}, "
     "{choice: {small: [64], large: [256, 256]}} or {discount: [0.6, 0.97]}"
 )
-# Settings that trials have to share, or nobody could compare them.
+# Settings that trials must share to be comparable.
 _SAME = ("algo", "env_id", "env_module", "n_timesteps", "seed")
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A distribution of Optuna's, and what the values in the store stand for.
+    """An Optuna distribution, and the mapping from stored values to settings.
 
     The store holds a discount as its distance from 1, named "1 - gamma": ranges are even in the
-    logarithm of the 10 steps that 0.9 looks ahead, or the hundred of 0.99. Of choices it holds
-    text, numbers and booleans as they are; of any other value its text in JSON, such as
-    "[256, 256]", or the label that it has in a mapping.
+    logarithm of the horizon, 10 steps for 0.9 and 100 for 0.99. It holds choices that are text,
+    numbers or booleans as they are; other values as JSON text, such as "[256, 256]", or by their
+    label in a mapping.
     """
 
     form: Mapping[str, Any]
-    """The parameter in YAML's types; :func:`parse_parameter` gives it back."""
+    """The parameter in YAML types; :func:`parse_parameter` restores it."""
     distribution: Any
-    """Optuna's distribution of the values in the store."""
+    """Optuna's distribution of the stored values."""
     choices: Mapping[Any, Any] | None = None
-    """The value of each choice in the store."""
+    """Values by the stored choice."""
 
     def stored_name(self, name: str) -> str:
-        """Return the name in the store of the parameter of a setting."""
+        """Return the stored name of a setting's parameter."""
         return f"1 - {name}" if "discount" in self.form else name
 
     def value(self, stored: Any) -> Any:
-        """Return the value of the setting for the value in the store."""
+        """Convert a stored value to the setting's value."""
         if self.choices is not None:
             return copy.deepcopy(self.choices[stored])
         if "discount" not in self.form:
             return stored
         low, high = self.form["discount"]
-        return min(max(_distance_from_1(stored), low), high)  # rounding may lead beyond
+        return min(max(_distance_from_1(stored), low), high)  # rounding may exceed the range
 
     def stored(self, value: Any) -> Any:
-        """Return the value in the store for one of a range; ``None`` if that does not hold it."""
+        """Convert a value to its stored form; return ``None`` if it is out of the range."""
         try:
             number = number_in(value)
             number = _distance_from_1(number) if "discount" in self.form else number
@@ -79,12 +79,12 @@ class Parameter:
         return number
 
     def extremes(self) -> list[Any]:
-        """Return the values at the ends of a range, or all choices."""
+        """Return both ends of a range, or all choices."""
         of = self.distribution
         return [self.value(end) for end in self.choices or (of.low, of.high)]
 
     def suggest(self, trial: BaseTrial, name: str) -> Any:
-        """Return the value of the setting ``name`` in a trial."""
+        """Draw the value of the setting ``name`` for a trial."""
         name, of = self.stored_name(name), self.distribution
         if self.choices is not None:
             return self.value(trial.suggest_categorical(name, of.choices))
@@ -93,20 +93,20 @@ class Parameter:
 
 
 def parse_parameter(name: str, value: Any) -> Parameter:
-    """Return the parameter of a setting: a distribution of Optuna's, or what YAML says of one.
+    """Parse the parameter of a setting from YAML or an Optuna distribution.
 
-    That is ``{<kind>: [low, high]}`` with the kind "float", "int" or "discount", beside it the
-    options of Optuna's distribution, or ``{"choice": values}``, a list or a mapping from labels.
+    YAML has ``{<kind>: [low, high]}`` with the kind "float", "int" or "discount" and optional
+    arguments of Optuna's distribution, or ``{"choice": values}``, a list or a mapping from labels.
 
     Raises:
-        ConfigError: If it is nothing like that, or the range or the choices are not valid.
+        ConfigError: If it has another form, or the range or the choices are not valid.
     """
     if isinstance(value, Parameter):
         return value
     form = _form_of(value) if isinstance(value, optunas.BaseDistribution) else value
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # as Optuna says that it lowers the upper end
+            warnings.simplefilter("error")  # Optuna warns when it lowers the upper end
             return _parsed(form)
     except (ArithmeticError, TypeError, UserWarning, ValueError) as error:
         raise ConfigError(
@@ -165,15 +165,15 @@ def _distance_from_1(number: float) -> float:
 
 
 class Space(dict[str, Parameter]):
-    """Parameters, or Optuna's distributions, by the settings they are for.
+    """Mapping from settings to parameters, or to Optuna's distributions.
 
     The names of settings are paths in an entry of an RL Zoo file: ``learning_rate``,
-    ``policy_kwargs.net_arch``, ``env_kwargs.reward_weights.fingering``. As
-    ``env_wrapper.TemporalStretch.factor`` one names an argument of the wrapper with that class
-    name; a wrapper of ``sb3_piano.wrappers`` that the entry lacks is put around the others.
+    ``policy_kwargs.net_arch``, ``env_kwargs.reward_weights.fingering``. A path such as
+    ``env_wrapper.TemporalStretch.factor`` names an argument of the wrapper with that class name; a
+    wrapper of ``sb3_piano.wrappers`` that the entry lacks is added outermost.
 
     Raises:
-        ConfigError: If there is none, or a parameter is not valid.
+        ConfigError: If it is empty, or a parameter is not valid.
     """
 
     def __init__(self, parameters: Mapping[str, Any]):
@@ -188,28 +188,28 @@ class Space(dict[str, Parameter]):
 
     @property
     def distributions(self) -> dict[str, optunas.BaseDistribution]:
-        """Optuna's distributions by their names in the store."""
+        """Optuna's distributions by their stored names."""
         return {p.stored_name(name): p.distribution for name, p in self.items()}
 
     def suggest(self, trial: BaseTrial) -> dict[str, Any]:
-        """Return the settings of a trial by name."""
+        """Draw the settings of a trial, by name."""
         return {name: parameter.suggest(trial, name) for name, parameter in self.items()}
 
     def settings(self, params: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the settings for the ``params`` of a trial, as far as it has them."""
+        """Return the settings for the ``params`` of a trial, if it has them."""
         stored = ((name, p, p.stored_name(name)) for name, p in self.items())
         return {name: p.value(params[key]) for name, p, key in stored if key in params}
 
     def params_of(self, algo: str, env_id: str, entry: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the params of a trial with the settings of an entry, defaults included.
+        """Return the params of a trial with the settings of an entry, including defaults.
 
-        Values that are not searched are left out. A choice is the entry's if it changes nothing.
+        Values outside the space are left out. A choice matches if the run stays the same.
         """
 
         def run_with(name: str, value: Any) -> RunConfig | None:
             try:
                 return entry_config(algo, env_id, with_settings(entry, {name: value}))
-            except ConfigError:  # such as of a default that YAML cannot hold
+            except ConfigError:  # such as a default that YAML cannot hold
                 return None
 
         def stored(name: str, parameter: Parameter) -> Any:
@@ -227,24 +227,24 @@ class Space(dict[str, Parameter]):
         return {name: value for name, value in found.items() if value is not None}
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the space in YAML's and JSON's types, of which it can be made again."""
+        """Return the space in YAML's and JSON's types, from which it can be created again."""
         return {name: dict(parameter.form) for name, parameter in self.items()}
 
 
 _GROUPS = read_yaml_mapping(Path(__file__).with_name("spaces.yml"))
 
 SPACES = {name: Space(form) for name, form in _GROUPS.items() if not name.startswith("_")}
-"""By the name of their algorithm; "env" and "reward" are for any."""
+"""Spaces by the name of their algorithm; "env" and "reward" suit any algorithm."""
 
 
 def load_space(sources: Sequence[str | os.PathLike[str]], algo: str) -> Space:
-    """Return the parameters of several spaces together.
+    """Load and join several spaces.
 
-    Sources are names of spaces that come with this package, by default that of the algorithm, or
-    YAML files with parameters by setting; a later one replaces parameters of those before.
+    Sources are names of this package's spaces, by default the algorithm's, or YAML files with
+    parameters by setting; later sources replace parameters of earlier ones.
 
     Raises:
-        ConfigError: If there is no such space or file, or one is not valid.
+        ConfigError: If a space or file is unknown or not valid.
     """
     parameters: dict[str, Parameter] = {}
     for source in map(str, sources or (algo,)):
@@ -259,18 +259,18 @@ def load_space(sources: Sequence[str | os.PathLike[str]], algo: str) -> Space:
 
 
 def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) -> None:
-    """Build environment and model of the entry, at both ends of all ranges, with every choice.
+    """Build environment and model of the entry at both ends of all ranges and with all choices.
 
     Raises:
-        ConfigError: If a setting is unknown, or the values are impossible together.
+        ConfigError: If a setting is unknown, or the values do not work together.
     """
     extremes = {name: parameter.extremes() for name, parameter in space.items()}
     for index in range(-1, max(map(len, extremes.values()))):
         together = {name: ends[min(index, len(ends) - 1)] for name, ends in extremes.items()}
-        settings = together if index >= 0 else {}  # what is wrong by itself is told first
+        settings = together if index >= 0 else {}  # check the entry alone first
         try:
             _build(entry_config(algo, env_id, with_settings(entry, settings)).alone())
-        except Exception as error:  # environments and algorithms may refuse values in any way
+        except Exception as error:  # environments and algorithms may raise anything
             of_ours = isinstance(error, SB3PianoError)
             reason = str(error) if of_ours else f"{type(error).__name__}: {error}"
             place = f"Search space, with {settings}: " if settings else ""
@@ -278,12 +278,12 @@ def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) 
 
 
 def _build(config: RunConfig) -> None:
-    """Build environment and model, the latter cheaply, only to see whether they can be."""
+    """Build environment and model as a check, the model with cheap settings."""
     cheap = {"device": "cpu", "verbose": 0, "buffer_size": 100}
     cheap = {k: v for k, v in cheap.items() if k in parameters_of(config.algorithm)}
     config = dataclasses.replace(config, algorithm_kwargs={**config.algorithm_kwargs, **cheap})
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they come when the trial is trained
+        warnings.simplefilter("ignore")  # the trial's training shows them
         with contextlib.closing(build_vec_env(config)) as venv:
             build_model(config, venv)
             venv.reset()

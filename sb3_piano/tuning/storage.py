@@ -1,4 +1,4 @@
-"""Stores of studies: Optuna's journal in a study's folder, or a database for many machines."""
+"""Storage of studies: Optuna's journal in a study's folder, or a database for many machines."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
 from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, optuna_experiments, retry
 
 HEARTBEAT_INTERVAL = 60
-"""Seconds between two signs of life of a trial in a database."""
+"""Seconds between two heartbeats of a trial in a database."""
 GRACE_PERIOD = 120
-"""Seconds since the last one after which its process counts as gone."""
+"""Seconds after the last heartbeat until its process counts as dead."""
 PATIENCE = 60.0
-"""Seconds for which a database may be away before who needs it gives up."""
+"""Seconds to wait for a database that is unavailable."""
 
 _IDENTITY = "identity"
 _MAKING_SECONDS = 5.0
@@ -38,9 +38,9 @@ _MAKING_SECONDS = 5.0
 
 @contextlib.contextmanager
 def opened_store(url: str | None, folder: StudyFolder) -> Iterator[BaseStorage]:
-    """Give the database of a URL, with tables, or without one the journal in a study's folder.
+    """Open the database of a URL, with tables, or without a URL the journal in a study's folder.
 
-    No message shows the URL's password.
+    Messages never show the URL's password.
 
     Raises:
         RunError: If the database or the journal cannot be used.
@@ -53,8 +53,8 @@ def opened_store(url: str | None, folder: StudyFolder) -> Iterator[BaseStorage]:
         yield store
     except StorageInternalError as error:
         raise RunError(
-            f"Database '{shown_url(url)}' cannot be used any more: {_why_refused(error)}. What is "
-            "in it stays: when it is back, the same command goes on."
+            f"Database '{shown_url(url)}' cannot be used any more: {_why_refused(error)}. Its "
+            "content is kept: when it is back, the same command goes on."
         ) from error
     finally:
         store.remove_session()
@@ -62,7 +62,7 @@ def opened_store(url: str | None, folder: StudyFolder) -> Iterator[BaseStorage]:
 
 
 class _JournalLock(JournalFileOpenLock):
-    """A lock that is free when its process dies; it removes half a line which that has left."""
+    """Lock that is free when its process dies; removes a dead process's incomplete line."""
 
     def __init__(self, folder: StudyFolder):
         super().__init__(str(folder.journal_file))
@@ -70,14 +70,14 @@ class _JournalLock(JournalFileOpenLock):
         self._held = contextlib.ExitStack()
 
     def acquire(self) -> bool:
-        """Wait for the lock, and mend the journal."""
+        """Wait for the lock, and repair the journal."""
         self._held.enter_context(hold(self._folder.workers_dir / f"journal{LOCK_SUFFIX}"))
         with self._folder.journal_file.open("r+b") as journal:
             journal.truncate(journal.read().rfind(b"\n") + 1)
         return True
 
     def release(self) -> None:
-        """Let others write."""
+        """Release the lock."""
         self._held.close()
 
 
@@ -87,10 +87,10 @@ def _open_journal(folder: StudyFolder) -> JournalStorage:
         make_folder(file.parent)
         check_inside(file)
         return JournalStorage(JournalFileBackend(os.path.realpath(file), _JournalLock(folder)))
-    except Exception as error:  # a damaged one fails in any way
+    except Exception as error:  # a damaged journal may raise anything
         raise RunError(
-            f"'{file}' cannot be used ({one_line(error)}): expected a journal of Optuna, each line "
-            "of which is JSON, in a folder in which files can be made."
+            f"'{file}' cannot be used ({one_line(error)}): expected a journal of Optuna "
+            "with JSON in each line, in a writable folder."
         ) from error
 
 
@@ -109,13 +109,13 @@ def _open_database(url: str, attempts: int = 5) -> RDBStorage:
                 heartbeat_stale_trial_callback=retry,
             )
     except (ImportError, RuntimeError, SQLAlchemyError, StorageInternalError, ValueError) as error:
-        # Several processes may make its tables at once.
+        # Several processes may create its tables at once.
         if attempts > 1 and isinstance(error, (IntegrityError, ProgrammingError)):
             time.sleep(random.random())
             return _open_database(url, attempts - 1)
         raise RunError(
             f"Database '{shown_url(url)}' cannot be used: {_why_refused(error)}. Expected a server "
-            "that runs, with this database and a role that may make tables in it, such as "
+            "that runs, with this database and a role that may create tables in it, such as "
             f"postgresql+psycopg://user@host/name ({install_command('postgresql')}); without "
             "storage, the study is kept in its folder."
         ) from None
@@ -126,7 +126,7 @@ def _open_database(url: str, attempts: int = 5) -> RDBStorage:
 def _connect_patiently(
     dialect: Any, record: object, arguments: list[Any], options: dict[str, Any]
 ) -> Any:
-    """Connect anew to a server that was there before, and may be away for a while."""
+    """Reconnect to a server that may be unavailable for a while."""
     del record
     end = time.monotonic() + PATIENCE
     while True:
@@ -139,27 +139,27 @@ def _connect_patiently(
 
 
 def shown_url(url: str) -> str:
-    """Return a database's URL without the password that it may hold, also among its options."""
+    """Return a database's URL without a password, also in its options."""
     try:
         return sqlalchemy.make_url(url).set(query={}).render_as_string(hide_password=True)
-    except (SQLAlchemyError, ValueError):  # anything in it may be a part of a password
+    except (SQLAlchemyError, ValueError):  # any part may belong to a password
         return "..." if "@" in url or "?" in url else url
 
 
 def _why_refused(error: Exception) -> str:
-    """Return in one line why a database refused."""
+    """Return the reason of a database error in one line."""
     return one_line(error.__cause__ or error).rstrip(".")
 
 
 def open_study(
     config: StudyConfig, storage: BaseStorage, *, name: str, search: Search
 ) -> optuna.Study:
-    """Return a study, which is made if need be; its sampler is left to the caller.
+    """Load a study, or create it; the caller sets its sampler.
 
-    The first trial of a new one waits with the settings from which it departs.
+    A new study starts with a waiting trial of the settings from which it departs.
 
     Raises:
-        ConfigError: If another program made it.
+        ConfigError: If another program created the study.
         RunError: If it has other settings.
     """
     options: Any = {"study_name": name, "storage": storage, "pruner": make_pruner(search, config)}
@@ -167,14 +167,14 @@ def open_study(
         study = optuna.create_study(**options, direction="maximize")
     except DuplicatedStudyError:
         study = optuna.load_study(**options)
-        if _IDENTITY not in study.user_attrs:  # another process is just making it
+        if _IDENTITY not in study.user_attrs:  # another process is just creating it
             time.sleep(_MAKING_SECONDS)
-    if _IDENTITY not in study.user_attrs:  # it is new, or its maker was killed at once
+    if _IDENTITY not in study.user_attrs:  # it is new, or its creator was killed at once
         begun = any(trial.state is not TrialState.WAITING for trial in study.get_trials())
         if begun or study.directions != [StudyDirection.MAXIMIZE]:
             raise ConfigError(
-                f"Study {name!r} is another program's: expected one of 'sb3-piano tune'; give "
-                "yours another name with --name."
+                f"Study {name!r} is another program's: expected a study of 'sb3-piano tune'. "
+                "Choose another name with --name."
             )
         with optuna_experiments():
             study.set_metric_names([config.value_name])  # for the dashboard

@@ -1,4 +1,4 @@
-"""A study: what is searched and how, what its trials are worth, and the folder it is in."""
+"""A study: its search, the evaluation of its trials, and its folder."""
 
 from __future__ import annotations
 
@@ -26,43 +26,43 @@ from sb3_piano.tuning.trials import optuna_experiments
 METRICS: Mapping[str, type[MetricEvalCallback]] = {
     callback.metric: callback for callback in (F1Callback, OnsetF1Callback)
 }
-"""Metrics that trials may be judged by, and the callback that evaluates each during training."""
+"""Metrics of trials, and the callback that evaluates each during training."""
 
 
 @settings
 class StudyConfig:
-    """Space of a study and measure of its trials: all that makes two studies the same."""
+    """Space of a study and evaluation of its trials: the settings that identify a study."""
 
     algo: str
     """Name of the algorithm."""
     env_id: str
     """Id of the environment; ``module:Id`` imports the module that registers it."""
     entry: Mapping[str, Any]
-    """The settings from which trials depart, as an entry of an RL Zoo YAML file; ``n_timesteps``
-    are the environment steps of one training."""
+    """Settings from which trials depart, as an entry of an RL Zoo YAML file; ``n_timesteps`` are
+    the environment steps of one training."""
     space: Space
-    """Space that is searched."""
+    """Search space."""
     metric: Literal["f1", "onset_f1"] = "f1"
-    """What trials are judged by."""
+    """Metric of the trials."""
     objective: Literal["final", "best"] = "final"
-    """The model that counts: the one at the end of a training, or the best one it had."""
+    """Model that counts: the final one of a training, or its best one."""
     seeds: tuple[Index, ...] = (0,)
-    """A trial trains once from each of these seeds; its value is the mean."""
+    """Seeds of a trial's trainings; its value is the mean."""
     eval_seed: Index = 1000
-    """Seed of the evaluations; none of ``seeds``."""
+    """Seed of the evaluations; not one of ``seeds``."""
     eval_episodes: Count = 1
-    """Episodes of an evaluation, at least 1. One is enough for a piece that always starts alike."""
+    """Episodes of an evaluation, at least 1. One is enough if a piece always starts alike."""
     n_evaluations: Count = 5
     """Evaluations of a training, at equal distances, at least 1; a trial may be pruned at each."""
     minutes: Positive | None = None
-    """The longest that the trainings of a trial may take together; each has an equal share."""
+    """Limit for all trainings of a trial together, minutes; each has an equal share."""
 
     def __post_init__(self) -> None:
         seeds = {*self.seeds}
         if not seeds or len(seeds) < len(self.seeds) or self.eval_seed in seeds:
             raise ConfigError(
                 f"seeds are {list(self.seeds)}, eval_seed is {self.eval_seed}: expected one or "
-                "more, each only once, and another one for evaluations."
+                "more distinct seeds, and another one for evaluations."
             )
         steps = self.config.n_timesteps
         if steps < self.n_evaluations:
@@ -73,12 +73,12 @@ class StudyConfig:
 
     @property
     def config(self) -> RunConfig:
-        """The run from which trials depart."""
+        """Settings of the run from which trials depart."""
         return entry_config(self.algo, self.env_id, self.entry)
 
     @property
     def value_name(self) -> str:
-        """What the value of a trial is: "final f1"."""
+        """Name of a trial's value: "final f1"."""
         return f"{self.objective} {self.metric}"
 
     @property
@@ -87,14 +87,14 @@ class StudyConfig:
         return self.config.n_timesteps // self.n_evaluations
 
     def preset_params(self) -> dict[str, Any]:
-        """Return the params of a trial with the entry's settings, as far as they are searched."""
+        """Return the params of a trial with the entry's settings, if they are in the space."""
         return self.space.params_of(self.algo, self.env_id, self.entry)
 
     def identity(self) -> dict[str, Any]:
-        """Return what has to be equal where several machines work on one study, in JSON's types.
+        """Return the settings that machines with one study must share, in JSON types.
 
-        A file (a score, finger labels) stands there by its content: its path may be another on each
-        machine.
+        A file (a score, finger labels) is identified by its content: its path may differ between
+        machines.
         """
         kwargs, files = dict(self.config.env_kwargs), {}
         for option in FILE_OPTIONS:
@@ -108,52 +108,52 @@ class StudyConfig:
 
 @settings
 class Search:
-    """Sampler and pruner of a study, which may change while it goes on."""
+    """Sampler and pruner of a study; they may change between calls."""
 
     sampler: Literal["tpe", "cmaes", "gp", "random"] = "tpe"
-    """Chooses the settings of trials."""
+    """Sampler of the settings."""
     pruner: Literal["median", "hyperband", "halving", "none"] = "median"
-    """Ends trials early."""
+    """Pruner, which ends trials early."""
     startup_trials: Count = 10
-    """Trials with random settings before the sampler learns from the results; at least 1."""
+    """Trials with random settings before the sampler uses results; at least 1."""
     seed: Index | None = None
-    """Seed of the sampler. Only with one worker are its choices the same each time."""
+    """Seed of the sampler. Its choices are reproducible only with one worker."""
 
 
 @optuna_experiments()
 def make_sampler(search: Search, number: int = 0) -> samplers.BaseSampler:
-    """Return the sampler of a trial, which has a seed of its own, whoever runs it."""
+    """Create the sampler of a trial, seeded by the search's seed and the trial's number."""
     startup, seed = search.startup_trials, search.seed
     if seed is not None:
         seed = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
     options: Any = {"n_startup_trials": startup, "seed": seed}
     match search.sampler:
-        case "tpe":  # trials that run count as bad ones, so that none gets their settings
+        case "tpe":  # running trials count as bad ones, so that none gets their settings
             return samplers.TPESampler(**options, multivariate=True, constant_liar=True)
         case "cmaes":  # every choice is drawn at random
             options["warn_independent_sampling"] = False
-            # Optuna recommends it where successive halving ends most trials.
+            # Optuna recommends it if successive halving ends most trials.
             options["consider_pruned_trials"] = search.pruner in ("hyperband", "halving")
             return samplers.CmaEsSampler(**options)
-        case "gp":  # a Gaussian process; it thinks longer the more trials there are
+        case "gp":  # a Gaussian process; its time grows with the number of trials
             return samplers.GPSampler(**options)
     return samplers.RandomSampler(seed=seed)
 
 
 def make_pruner(search: Search, config: StudyConfig) -> pruners.BasePruner:
-    """Return a study's pruner, whose steps are environment steps of all trainings of a trial.
+    """Create a study's pruner; its steps are environment steps of all trainings of a trial.
 
-    Music metrics are noisy while a model learns, and off-policy algorithms play at random for a
-    good part of the first evaluation: the first one that may end a trial is the second, or the only
-    one. Hyperband's brackets differ in this: the first of them may end a trial at once.
+    Music metrics are noisy during training, and off-policy algorithms act at random for much of the
+    first evaluation: pruning starts at the second evaluation, or at the only one. Hyperband is an
+    exception: its first bracket may end a trial at the first evaluation.
     """
     steps = config.config.n_timesteps
     warmup = min(2 * config.interval, steps)
     match search.pruner:
-        case "median":  # a median of a few trials says little: 5 by default, as in Optuna
+        case "median":  # a median of few trials is unreliable: 5 by default, as in Optuna
             startup = search.startup_trials // 2
             return pruners.MedianPruner(n_startup_trials=startup, n_warmup_steps=warmup)
-        case "halving":  # Optuna's own factor, 4, would end most trials by one noisy evaluation
+        case "halving":  # Optuna's default, 4, would end most trials by one noisy evaluation
             return pruners.SuccessiveHalvingPruner(min_resource=warmup, reduction_factor=2)
         case "hyperband":
             most = steps * len(config.seeds)
@@ -163,21 +163,21 @@ def make_pruner(search: Search, config: StudyConfig) -> pruners.BasePruner:
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """A study's folder; the runs of trial n are in ``trials/<n>/seed_<seed>``."""
+    """Folder of a study; the runs of trial n are in ``trials/<n>/seed_<seed>``."""
 
     path: Path
 
     journal_file = Place("journal.log")
-    """Optuna's journal, the store of the study unless it is in a database."""
+    """Optuna's journal, which stores the study unless a database does."""
     best_file = Place("best.yml")
     """The best settings, for ``sb3-piano train --config`` and for RL Zoo."""
     report_file = Place("report.html")
-    """History, importance and more in one page that needs no network."""
+    """Page with history, importance and more; it needs no network."""
     table_file = Place("trials.csv")
     """A row for each trial."""
     workers_dir = Place("workers")
-    """A ``<name>.log`` with what each worker process printed."""
+    """Output of the worker processes, ``<name>.log`` for each."""
 
     def trial_dir(self, number: int) -> Path:
-        """Return where the runs of a trial are."""
+        """Return the folder of a trial's runs."""
         return self.path / "trials" / str(number)

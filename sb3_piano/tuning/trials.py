@@ -1,4 +1,4 @@
-"""Trials in a study's store: what is noted with them, which count, and which are run again."""
+"""Trials of a study: their attributes, which of them count, and which are repeated."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ STATES = {
     TrialState.RUNNING: "running",
     TrialState.WAITING: "waiting",
 }
-"""States as users read them."""
+"""Names of the states for users."""
 
-# What is noted with a trial (Optuna's user attributes).
+# Attributes of a trial (Optuna's user attributes).
 HOST = "host"  # the machine that ran it
 FOLDER = "folder"  # its runs, on that machine
-OWNER = "owner"  # name of the job that asked for it
+OWNER = "owner"  # name of the job that ran it
 ORIGIN = "origin"  # source of its settings, if the sampler did not choose them
 FAILURE = "failure"  # why it failed, in one line
 STEPS = "steps"  # environment steps of all its trainings
 VALUES = "values"  # its value by seed, in the order of the study's seeds; shorter if it was pruned
 
-# Origins: the settings from which the study departs, or those of them that the space holds.
+# Origins: the settings from which the study departs, or the part of them in the space.
 PRESET = "preset"
 PRESET_IN_PART = "preset in part"
 
 MAX_RETRIES = 3
-"""How often the settings of a trial are queued again because its process was gone."""
+"""Maximum number of repeats of a trial whose process died."""
 
 
 @contextlib.contextmanager
 def optuna_experiments() -> Iterator[None]:
-    """Use what Optuna calls experimental, without its warnings."""
+    """Use experimental features of Optuna without its warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         yield
@@ -48,37 +48,37 @@ def optuna_experiments() -> Iterator[None]:
 
 @optuna_experiments()
 def retry(study: optuna.Study, trial: FrozenTrial) -> None:
-    """Queue the settings of a trial again whose process was gone, with its origin, some times."""
+    """Queue the settings of a lost trial again, with its origin, at most ``MAX_RETRIES`` times."""
     trial.user_attrs = {name: v for name, v in trial.user_attrs.items() if name == ORIGIN}
     RetryHeartbeatStaleTrialCallback(MAX_RETRIES)(study, trial)
 
 
 @optuna_experiments()
 def repeated(trials: Iterable[FrozenTrial]) -> set[int]:
-    """Return the numbers of the trials that do not count, as a later one has their settings."""
+    """Return the numbers of repeated trials, which do not count."""
     return {n for t in trials for n in RetryHeartbeatStaleTrialCallback.retry_history(t)}
 
 
 def counting(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that count, also those that wait or run."""
+    """Return the trials that count, also waiting and running ones."""
     trials = study.get_trials(deepcopy=False)
     again = repeated(trials)
     return [trial for trial in trials if trial.number not in again]
 
 
 def best_first(trials: Iterable[FrozenTrial]) -> list[FrozenTrial]:
-    """Return the complete trials, the one with the highest value first, the first of equals."""
+    """Return the complete trials by descending value; equal ones keep their order."""
     complete = [trial for trial in trials if trial.state is TrialState.COMPLETE]
     return sorted(complete, key=lambda trial: -trial.values[0])
 
 
 def preset_trial(trials: Iterable[FrozenTrial]) -> FrozenTrial | None:
-    """Return the complete trial with the settings from which the study departs, if there is one."""
+    """Find the complete trial with the settings from which the study departs."""
     return next((t for t in best_first(trials) if t.user_attrs.get(ORIGIN) == PRESET), None)
 
 
 def failure_of(trial: FrozenTrial) -> str:
-    """Return why a trial failed; empty if it did not."""
+    """Return the reason of a trial's failure; empty if it did not fail."""
     if trial.state is not TrialState.FAIL:
         return ""
     return trial.user_attrs.get(FAILURE, "its process ended: stopped, killed, or out of memory")

@@ -1,4 +1,4 @@
-"""A study from its settings to the best ones, on as many processes and machines as there are."""
+"""Run a study with one or more processes and machines."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
 from sb3_piano.tuning.trials import OWNER, counting, optuna_experiments, retry
 
 MAX_DEATHS = 3
-"""Deaths for each worker, since a trial ended by itself, after which a study is given up."""
+"""Consecutive worker deaths, per worker, after which a study is aborted."""
 
 _POLL_SECONDS = 1.0
 
@@ -46,9 +46,9 @@ class TuneResult:
     folder: StudyFolder
     """Folder of all files."""
     study: optuna.Study
-    """Optuna's own view of it."""
+    """Optuna's study object."""
     trials: tuple[FrozenTrial, ...]
-    """All trials, without those that were repeated."""
+    """All trials except repeated ones."""
     interrupted: bool
     """Whether Ctrl-C or SIGTERM ended it early."""
 
@@ -70,26 +70,26 @@ def tune(
     search: Search = Search(),  # noqa: B008 - frozen
     progress_bar: bool = True,
 ) -> TuneResult:
-    """Run a study, or go on with one, until it has all its trials.
+    """Run a study, or resume it, until it has all its trials.
 
-    The first trial has the settings of ``config.entry``, as far as the space holds them. Trials
-    that fail count; settings of a trial whose process was killed, or that was interrupted, are
-    queued again. The best settings, a table and a report are written in the end, after Ctrl-C too;
-    the same call then goes on. On several machines, each calls this with the same settings and the
-    URL of one database, and returns when the whole study is complete.
+    The first trial has the settings of ``config.entry`` that are in the space. Failed trials count;
+    settings of a trial that was interrupted, or whose process died, are queued again. The best
+    settings, a table and a report are written at the end, also after Ctrl-C; the same call then
+    resumes. On several machines, call this on each with the same settings and the URL of one
+    database; every call returns when the whole study is complete.
 
     Args:
-        config: What is searched, and how it is judged.
-        folder: The study's folder on this machine; it is made.
-        name: The study's name in its store; by default that of the folder.
-        n_trials: Trials of the study in all.
+        config: Search space and evaluation.
+        folder: The study's folder on this machine; created if missing.
+        name: Name of the study in its store; by default the folder's name.
+        n_trials: Total number of trials of the study.
         workers: Processes that run trials; on this machine they share the cores.
-        ray: Address of a cluster of Ray, see :func:`~sb3_piano.jobs.open_executor`; the workers
-            are then there, with a core each. All nodes see ``folder`` by the same path, on a disk
-            with locks, or reach the database.
+        ray: Address of a Ray cluster, see :func:`~sb3_piano.jobs.open_executor`; the workers then
+            run there, with one core each. All nodes see ``folder`` by the same path, on a disk with
+            locks, or reach the database.
         storage: URL of a database, such as ``postgresql+psycopg://user@host/name``; by default
             the study is kept in its folder.
-        search: How settings are chosen and trials are ended early.
+        search: Sampler and pruner of the study.
         progress_bar: Whether to show progress on the terminal.
 
     Raises:
@@ -104,10 +104,10 @@ def tune(
     keep_inside(place.path)
     check_space(config.space, config.algo, config.env_id, config.entry)
     name = place.path.resolve().name if name is None else name
-    there = StudyFolder(place.path.absolute())  # where workers may have another present folder
+    there = StudyFolder(place.path.absolute())  # workers may have another working directory
     job = _TrialJob(config=config, folder=there, study_name=name, storage=storage, search=search)
     # Machines that share a disk and work on one study in a database may also share its folder, as
-    # no trial is on two of them.
+    # no trial runs on two machines.
     lock = place.workers_dir / f"{'study' if storage is None else platform.node()}{LOCK_SUFFIX}"
     owned = hold(lock, f"Study '{place.path}' is being run", "one command in a folder: --workers.")
     with stop_on_signal() as request, owned, opened_store(storage, place) as store:
@@ -129,7 +129,7 @@ def tune(
 
 @dataclass(frozen=True, kw_only=True)
 class _TrialJob:
-    """What a worker does: it runs a trial of a study."""
+    """Worker-side job that runs a trial of a study."""
 
     config: StudyConfig
     folder: StudyFolder
@@ -138,7 +138,7 @@ class _TrialJob:
     search: Search
 
     def __call__(self, name: str) -> None:
-        """Run one trial; in a database, queue its settings again if it is interrupted."""
+        """Run one trial; if it is interrupted, queue its settings again in a database."""
         make_folder(self.folder.workers_dir)
         log_file = self.folder.workers_dir / f"{platform.node()}-{os.getpid()}.log"
         with log_file.open("ab") as log:
@@ -172,8 +172,8 @@ def _run_trials(
     request: StopRequest,
     progress: Progress,
 ) -> bool:
-    """Run trials until a study has all, also those of other machines; return if interrupted."""
-    busy: dict[Future[None], str] = {}  # with the names of their jobs
+    """Run trials until a study has all, counting other machines'; return whether interrupted."""
+    busy: dict[Future[None], str] = {}  # values are the names of their jobs
     deaths, bar = 0, progress.add_task("trials", total=n_trials)
     while not request.made:
         _requeue_lost(study, job, busy.values())
@@ -188,7 +188,7 @@ def _run_trials(
             name = secrets.token_hex(4)
             busy[executor.submit(job, name)] = name
         if not busy:
-            # A process that was killed before it gave its name is not waited for.
+            # Do not wait for a process that was killed before it gave its name.
             if not any(OWNER in trial.user_attrs for trial in elsewhere):
                 return False
             with optuna_experiments():
@@ -201,15 +201,15 @@ def _run_trials(
             if error is not None and deaths >= MAX_DEATHS * n_workers:
                 raise RunError(
                     f"{deaths} workers in a row ended before a trial was finished, the last one "
-                    f"so: {one_line(error)} What they printed is in '{job.folder.workers_dir}'."
+                    f"so: {one_line(error)} Their output is in '{job.folder.workers_dir}'."
                 )
     return True
 
 
 def _requeue_lost(study: optuna.Study, job: _TrialJob, busy: Collection[str] = ()) -> None:
-    """Queue trials of a journal again that no busy job runs, or that ended without a reason.
+    """Queue trials of a journal again if they are lost or ended without a reason.
 
-    In a database Optuna queues them again, as their heartbeats are missing.
+    In a database Optuna does this after missing heartbeats.
     """
     trials = study.get_trials() if job.storage is None else []
     again = of_study.repeated(trials)

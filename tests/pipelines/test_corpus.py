@@ -198,7 +198,7 @@ def test_a_corpus_that_is_not_whole_is_refused(corpus, tmp_path):
     with pytest.raises(ConfigError, match="has no complete corpus"):
         RecordedCorpus.open(tmp_path)
     (tmp_path / "corpus.yml").touch()  # it was begun
-    with pytest.raises(ConfigError, match="There is no whole corpus"):
+    with pytest.raises(ConfigError, match="has no complete corpus"):
         open_recorded(str(tmp_path))
 
 

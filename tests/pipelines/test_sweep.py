@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import signal
+import statistics
 from pathlib import Path
 
 import gymnasium as gym
@@ -186,14 +187,19 @@ def test_a_folder_is_no_url_and_a_wrong_file_is_named(tmp_path, capsys, option):
 @pytest.mark.slow
 def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
     bad = {"env_kwargs": {"score": str(tmp_path / "gone.mid")}}
-    lists = {name: list(SHORT[name]) for name in ("algos", "envs")}
+    lists = {name: list(SHORT[name]) for name in ("algos", "envs")} | {"seeds": [0, 1]}
     file = tmp_path / "grid.yml"
     file.write_text(yaml.safe_dump({**SHORT, **lists, "variants": {"bad": bad, "good": {}}}))
     more = ["--run", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
     assert main(["sweep", str(file), *more]) == 2
-    assert "gone.mid" in capsys.readouterr().err
-    states = [run.state for run in status(load_sweep(file).jobs(tmp_path / "sweep"))]
-    assert states == ["not begun", "finished"]
+    printed = capsys.readouterr()
+    assert "gone.mid" in printed.err
+    ended = status(load_sweep(file).jobs(tmp_path / "sweep"))
+    assert [run.state for run in ended] == ["not begun", "not begun", "finished", "finished"]
+    mean = statistics.mean([run.result["metrics"]["f1"] for run in ended[2:]])
+    (row,) = [line for line in printed.out.splitlines() if "all 2" in line]
+    assert f" {mean:.3f} " in row
+    assert "An interval from so few values (2) is too narrow" in printed.out
 
 
 class Stopped(gym.Wrapper):

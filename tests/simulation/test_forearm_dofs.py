@@ -1,21 +1,25 @@
 """The joints that a forearm may have: RoboPianist's numbers, and what follows from them."""
 
 import json
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from conftest import REFERENCE
 from hand_parts import data_at, hand_of, random_positions, scene_of
 
 from sb3_piano.envs import PianoEnv, PianoEnvConfig
 from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hands import find_hand
+from sb3_piano.training.playing.player import OpenPlayer, stage_for
+from sb3_piano.training.playing.takes import take_of
 
 ALL = tuple(find_hand().forearm.joints.values())
 TURNING = ("forearm_tx", "forearm_ty", "forearm_yaw")
-NUMBERS = json.loads((REFERENCE / "forearms.json").read_text())
+NUMBERS = json.loads(
+    (Path(__file__).parents[1] / "data" / "reference" / "forearms.json").read_text()
+)
 
 
 @pytest.mark.parametrize(
@@ -77,9 +81,15 @@ def test_joints_that_cannot_be_are_refused_by_name(dofs, message):
 
 
 def test_what_hands_read_is_laid_out_for_forearms_that_slide():
-    with pytest.raises(ConfigError, match="'hands' and forearm_dofs .*expected|Expected 'roll'"):
-        PianoEnvConfig(observation="hands", forearm_dofs=TURNING)
-    assert PianoEnvConfig(observation="hands", forearm_dofs=["forearm_tx", "forearm_ty"])
+    with pytest.raises(ConfigError, match=r"forearm_dofs is .*'hands', .*the sight-reader"):
+        PianoEnv("CMajorScaleTwoHands", observation="hands", forearm_dofs=TURNING)
+    stage = stage_for("TwinkleTwinkle", forearm_dofs=("forearm_tx", "forearm_yaw"))  # as many
+    with (
+        pytest.raises(ConfigError, match=r"expected \['forearm_tx', 'forearm_ty'\]"),
+        OpenPlayer.open("sight-reader", stage) as player,
+    ):
+        take_of(player)
+    PianoEnv("CMajorScaleTwoHands", observation="hands", forearm_dofs=["forearm_tx", "forearm_ty"])
 
 
 def test_each_joint_is_an_action_and_an_observed_number_of_each_hand_and_is_named():

@@ -102,7 +102,7 @@ def test_a_run_is_recorded_with_its_wrappers_and_normalisation(pendulum_run):
     observations += [again.step(action)[0] for action in episode.actions]
     np.testing.assert_array_equal(observations, episode.observations)
     with OpenPlayer.open(folder.path) as player:
-        shown = player._venv.normalize_obs(episode.observations[:-1])
+        shown = player._env.normalize_obs(episode.observations[:-1])
         right = player.model.predict(shown, deterministic=True)[0]
         raw = player.model.predict(episode.observations[:-1], deterministic=True)[0]
     np.testing.assert_allclose(episode.actions, right, atol=1e-6)
@@ -200,7 +200,7 @@ def test_a_clone_is_a_run_that_can_be_evaluated_and_trained_on(
     before = TD3.load(run.model_file).actor.state_dict()
     with OpenPlayer.open(run.path) as player:
         there = recorded_pendulum[0].observations[:-1]
-        action, _ = player.model.predict(player._venv.normalize_obs(there), deterministic=True)
+        action, _ = player.model.predict(player._env.normalize_obs(there), deterministic=True)
     assert np.abs(action - recorded_pendulum[0].actions).mean() < 0.1
 
     assert main(["train", "--resume", str(run.path), "--steps", "10", "--no-progress"]) == 0
@@ -247,7 +247,7 @@ def test_a_clone_plays_in_the_environment_of_the_data_set():
     with OpenPlayer.open(folder.path) as player:
         assert player.env.config == env.unwrapped.config
         assert player.piece == "CMajorScaleOneHand"
-        assert (player._venv.action_space.high == 0.5).all()
+        assert (player._env.action_space.high == 0.5).all()
 
 
 def test_what_cannot_be_cloned_is_told(recorded_pendulum, small_yaml, capsys):

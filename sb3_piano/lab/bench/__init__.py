@@ -1,4 +1,4 @@
-"""Speed and memory of the package, measured in one run (``sb3-piano bench``)."""
+"""Measure speed and memory of the package in one run (``sb3-piano bench``)."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ class BenchReport:
     machine: Mapping[str, Any]
     """Date (UTC), versions, processor, cores, threads of torch and the networks' device."""
     peer: Mapping[str, str] | None
-    """Versions of RoboPianist and of what it runs on, by name; ``None`` without a peer."""
+    """Versions of RoboPianist and its dependencies, by name; ``None`` without a peer."""
     rows: Sequence[Row]
     """Measured quantities."""
     interrupted: bool
-    """Whether it was stopped before all was measured."""
+    """Whether it was interrupted before the end."""
 
 
 def run_bench(
@@ -70,19 +70,19 @@ def run_bench(
     num_threads: int | None = None,
     progress: bool = False,
 ) -> BenchReport:
-    """Measure, and return the report; after Ctrl-C that of what was measured until then.
+    """Measure and return the report; after Ctrl-C, a report of the completed measurements.
 
     Args:
         parts: Parts to measure, of :data:`PARTS`.
-        rounds: Rounds to take medians of, at least 1, besides one to warm up.
-        peer_python: Interpreter that has RoboPianist, which is then measured as well.
-        before: Folder of another version of this package, whose steps are then measured as well.
+        rounds: Number of rounds for medians, at least 1, after one warm-up round.
+        peer_python: Interpreter with RoboPianist, to be measured, too.
+        before: Folder of another version of this package, to be measured, too.
         num_threads: Threads of torch, at least 1; by default see :mod:`sb3_piano.threads`.
         progress: Whether to show a progress bar on standard error.
 
     Raises:
-        ConfigError: If one of these two is given but no simulation to compare it with.
-        PeerError: If one of them cannot be started (which is tried first), or stops answering.
+        ConfigError: If ``peer_python`` or ``before`` is given without the part "simulation".
+        PeerError: If one of them cannot be started (tried first), or stops answering.
     """
     for name, given in (("peer_python", peer_python), ("before", before)):
         if given is not None and "simulation" not in parts:
@@ -118,7 +118,7 @@ def run_bench(
 
 
 def machine_info() -> dict[str, Any]:
-    """Date, versions, processor, cores, threads and device; no paths and no host names."""
+    """Return date, versions, processor, cores, threads and device, without paths and host names."""
     device = get_device("auto")
     return {
         "date": datetime.datetime.now(datetime.UTC).isoformat(sep=" ", timespec="minutes"),
@@ -135,7 +135,7 @@ def machine_info() -> dict[str, Any]:
 
 
 def render(report: BenchReport) -> RenderableType:
-    """Source of the figures, and a table of them."""
+    """Format the report: the machine, and a table of figures."""
     machine = report.machine
     lines = [
         f"{ENV_ID}, {machine['date']}",
@@ -181,6 +181,6 @@ def _ratio(row: Row, label: str) -> str:
 
 
 def rounded(value: float) -> str:
-    """A number with three digits: ``0.0123``, ``0.123``, ``1.23``, ``12.3``, or ``1234``."""
+    """Format a number with three digits: ``0.0123``, ``0.123``, ``1.23``, ``12.3``, ``1234``."""
     digits = max(0, 2 - math.floor(math.log10(value))) if value > 0 else 3
     return f"{value:.{digits}f}"

@@ -12,16 +12,16 @@ from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, command, whole_numbe
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _bench)
-    add("--peer-python", "PATH", "measure RoboPianist too: a Python that has it")
-    add("--before", "FOLDER", "measure another version too: a checkout's folder")
-    add("--rounds", "N", "rounds to take medians of", whole_number, 10)
+    add("--peer-python", "PATH", "also measure RoboPianist: a Python that has it")
+    add("--before", "FOLDER", "also measure another version: its checkout")
+    add("--rounds", "N", "number of rounds; medians are reported", whole_number, 10)
     parts, only = (
         ("simulation", "players", "learner", "memory"),
-        "measure this part; may be given several times",
+        "part to measure; repeatable; default: all",
     )
     add("--only", text=only, action="append", choices=parts)
     add("--num-threads")
-    add("--json", text="write the result to a file as well")
+    add("--json", text="write the result to a JSON file")
     add("--no-progress")
 
 

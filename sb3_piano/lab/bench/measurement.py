@@ -1,4 +1,4 @@
-"""Measurements in turn, round after round, and the medians of their rates and ratios."""
+"""Interleaved measurements in rounds, and medians of their rates and ratios."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from rich.progress import track
 
 @dataclass(frozen=True)
 class Sample:
-    """Steps or updates done by one run of a measurement, and the seconds they took."""
+    """Number and duration of the steps or updates of one run of a measurement."""
 
     count: int
     seconds: float
     parts: Mapping[str, float] = field(default_factory=dict)
-    """Seconds thereof by the kind of work, such as ``in the learner``."""
+    """Seconds by kind of work, such as ``in the learner``."""
     processor: float | None = None
-    """The processor's seconds, on which other programs tell less; ``None`` if not measured."""
+    """CPU seconds, less affected by other programs; ``None`` if not measured."""
 
     @property
     def rate(self) -> float:
@@ -28,7 +28,7 @@ class Sample:
 
     @property
     def processor_rate(self) -> float:
-        """Steps or updates per second of the processor's time, if measured, else of time."""
+        """Steps or updates per CPU second, if measured, else per second."""
         return self.count / (self.processor or self.seconds)
 
 
@@ -39,9 +39,9 @@ class Measurement:
     name: str
     unit: str
     run: Callable[[], Sample]
-    """Does the work once; preparations stay outside of the sample's time."""
+    """Function that does the work once; the sample's time excludes preparation."""
     ratios: dict[str, tuple[str, str]] = field(default_factory=dict)
-    """Ratios to report: label to the names of the two measurements whose rates are divided."""
+    """Ratios to report: names of the two measurements of each ratio, by label."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,9 +57,9 @@ class Row:
     by_round: Sequence[float] = ()
     """Value in each round."""
     processor: float | None = None
-    """The same per second of the processor's time, of all threads; ``None`` if not measured."""
+    """Value per CPU second of all threads; ``None`` if not measured."""
     processor_ratios: Mapping[str, float] = field(default_factory=dict)
-    """Its ratios."""
+    """Ratios of ``processor``."""
 
 
 def measure(
@@ -69,10 +69,10 @@ def measure(
     rows: list[Row],
     progress: bool = False,
 ) -> None:
-    """Run measurements in turn and add a row for each, of the complete rounds if interrupted.
+    """Run measurements in rounds and add a row for each, from the complete rounds if interrupted.
 
-    Every other round runs in reverse order, so that none always follows the same neighbour. One
-    round to warm up comes before the ``rounds`` that count.
+    Every other round runs in reverse order, so that no measurement always follows the same one. A
+    warm-up round precedes the ``rounds``.
     """
     samples: dict[str, list[Sample]] = {measurement.name: [] for measurement in measurements}
     turns = [m for number in range(rounds + 1) for m in measurements[:: -1 if number % 2 else 1]]
@@ -87,9 +87,9 @@ def measure(
 
 
 def _row(part: str, measurement: Measurement, samples: Mapping[str, Sequence[Sample]]) -> Row:
-    """Row of a measurement, from the samples of all in the same rounds.
+    """Return the row of a measurement, from the samples of all in the same rounds.
 
-    A disturbance that lasts longer than a round changes both sides of a ratio alike: the median of
+    A disturbance longer than a round affects both sides of a ratio alike: the median of
     ratios is steadier than the ratio of medians.
     """
     own = samples[measurement.name]

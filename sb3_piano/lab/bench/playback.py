@@ -1,10 +1,10 @@
-"""Playback of an episode with and without its environment, here and in processes of their own.
+"""Play an episode with and without its environment, here and in other processes.
 
-Those run this file with RoboPianist's interpreter, which lacks this package, or, with a physics
-profile as argument, for the version of this package that they find. It reads one JSON object a line
-and answers each with one. The first has the environment's id and an episode's actions; the answer
-has versions. Each ``"env"`` or ``"physics"`` plays the episode; the answer has control steps,
-seconds and the processor's seconds.
+They run this file with RoboPianist's interpreter, which lacks this package, or, with a physics
+profile as argument, with another version of this package. It reads one JSON object per line and
+answers each with one. The first has the environment's id and an episode's actions; the answer has
+versions. Each ``"env"`` or ``"physics"`` plays the episode; the answer has control steps, seconds
+and CPU seconds.
 
 RoboPianist's environment is built as in its authors' training script, with their run.sh's flags.
 
@@ -23,7 +23,7 @@ from collections.abc import Callable
 from importlib import metadata
 from typing import Any
 
-import mujoco  # noqa: TID251  where this package is not
+import mujoco  # noqa: TID251  runs without this package
 import numpy as np
 
 _TASK = {
@@ -49,7 +49,7 @@ def play_env(env: Any, actions: Any) -> tuple[int, float, float]:
 
 
 def play_physics(model: Any, n_substeps: int, controls: Any) -> tuple[int, float, float]:
-    """Play controls, (steps, nu), with nothing but MuJoCo; return control steps and both times."""
+    """Play controls, (steps, nu), with MuJoCo alone; return control steps and both times."""
     data = mujoco.MjData(model)
     start, processor = time.perf_counter(), time.process_time()
     for control in controls:
@@ -59,7 +59,7 @@ def play_physics(model: Any, n_substeps: int, controls: Any) -> tuple[int, float
 
 
 def record_controls(env: Any, ctrl: Callable[[], Any], actions: Any) -> Any:
-    """Play actions; return the actuators' targets, which ``ctrl`` returns, in each step."""
+    """Play actions; return the actuators' targets (from ``ctrl``) in each step."""
     env.reset()
     controls = []
     for action in actions:
@@ -69,7 +69,7 @@ def record_controls(env: Any, ctrl: Callable[[], Any], actions: Any) -> Any:
 
 
 def _sb3_piano(env_id: str, profile: str) -> tuple[Any, Callable[[], tuple[Any, Any]], int]:
-    """The environment, what returns its model and data, and the physics steps in a control step."""
+    """Return the environment, a function for its model and data, and its physics substeps."""
     importlib.import_module("sb3_piano.envs")
     gym: Any = importlib.import_module("gymnasium")
     env = gym.make(env_id, physics=profile).unwrapped
@@ -77,7 +77,7 @@ def _sb3_piano(env_id: str, profile: str) -> tuple[Any, Callable[[], tuple[Any, 
 
 
 def _robopianist(env_id: str) -> tuple[Any, Callable[[], tuple[Any, Any]], int]:
-    """The same of RoboPianist, as its authors wrap it for training; each reset makes them anew."""
+    """Return the same for RoboPianist with its authors' wrappers; a reset makes new data."""
     wrappers: Any = importlib.import_module("dm_env_wrappers")
     suite: Any = importlib.import_module("robopianist.suite")
     bare = suite.load(env_id, seed=0, task_kwargs=_TASK)
@@ -92,7 +92,7 @@ def _robopianist(env_id: str) -> tuple[Any, Callable[[], tuple[Any, Any]], int]:
 
 
 def main() -> None:
-    """Answer every line of standard input; what libraries print goes to standard error."""
+    """Answer every line of standard input; output of libraries goes to standard error."""
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
     env_id, actions = json.loads(sys.stdin.readline())

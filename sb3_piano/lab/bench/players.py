@@ -1,4 +1,4 @@
-"""How long players take: to read a piece or to plan it, and for a control step."""
+"""Time that players take to read or plan a piece, and per control step."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from sb3_piano.players import SightReader
 from sb3_piano.players.planned import PlannedPianist, forget_plans
 
 PIECE = 600.0
-"""Length of the piece that is read, s."""
+"""Duration of the piece to read, s."""
 PLANNED = 10.0
-"""Length of its beginning that is planned, s: planning takes a hundred times as long."""
+"""Duration of the planned beginning, s: planning takes a hundred times as long."""
 STEPS = 200
 """Control steps in each round."""
 
@@ -31,7 +31,7 @@ _IN: dict[str, Any] = {"reduced_action_space": False, "initial_buffer_time": 0.5
 
 
 def player_rows(rounds: int) -> list[Row]:
-    """Times of the sight-reader beside the planned pianist's, medians of so many rounds."""
+    """Measure times of the sight-reader and the planned pianist, medians over rounds."""
     bare = generate_score(np.random.default_rng(0), PIECE)
     score = apply_fingering(bare, "robot")
     start = Score(notes=[note for note in score.notes if note.offset <= PLANNED])
@@ -53,7 +53,7 @@ def player_rows(rounds: int) -> list[Row]:
         player.predict(observation, np.array([next(steps)]))
 
     length = f"{PIECE / 60:g} minutes"
-    with warnings.catch_warnings():  # how well they play is not asked
+    with warnings.catch_warnings():  # the quality of playing does not matter
         warnings.simplefilter("ignore", PlanWarning)
         return [
             _row(f"fingers for {length}", "s", rounds, lambda: apply_fingering(bare, "robot")),
@@ -65,7 +65,7 @@ def player_rows(rounds: int) -> list[Row]:
 
 
 def _row(name: str, unit: str, rounds: int, run: Callable[[], object], count: int = 1) -> Row:
-    """Return the time of a call, in each round the mean of several, after a round to warm up."""
+    """Measure the time of a call: per round the mean of several, after a warm-up round."""
     times = []
     for _ in range(rounds + 1):
         start = time.perf_counter()

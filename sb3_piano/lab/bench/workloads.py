@@ -1,4 +1,4 @@
-"""Workloads of the benchmark: simulation, RoboPianist's too, learning, and replay memory."""
+"""Workloads of the benchmark: simulation (also RoboPianist's), learning, replay memory."""
 
 from __future__ import annotations
 
@@ -39,28 +39,28 @@ from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.wrappers import KeyRange
 
 ENV_ID = "RoboPianist-debug-CMajorScaleTwoHands-v0"
-"""Environment on which everything is measured."""
+"""Environment of all measurements."""
 UNIT = "control steps/s"
 PEER_VERSION = "1.0.10"
 PEER_INSTALL = (
     f'pip install robopianist=={PEER_VERSION} "mujoco==3.17.*" "numpy<2" "pandas<2.3" '
     '"scipy<1.14" "contourpy<1.3" scikit-learn==1.4.2'
 )
-"""Installs RoboPianist so that it runs with the MuJoCo that this package is tested with."""
+"""Command that installs RoboPianist with the MuJoCo version of this package's tests."""
 SLOTS: Sequence[int] = (1, 2, 4, 8)
 """Numbers of slots of the vector environments."""
 EPISODE_STEPS: int | None = None
-"""Control steps of an episode of the simulation; ``None`` plays whole ones."""
+"""Control steps of an episode of the simulation; ``None`` for whole episodes."""
 TRANSITIONS = 500
 """Transitions in the replay buffers."""
 UPDATES = 20
 """Updates of the networks in a sample."""
 TRAINING_STEPS = 30
-"""Environment steps of whole training in a sample."""
+"""Environment steps of training in a sample."""
 _PEER_SCRIPT = Path(__file__).with_name("playback.py")
 _HERE = Path(__file__).resolve().parents[3]
 _ALGORITHMS = ("sac", "td3", "tqc")
-_PROFILES = ("reference", "fast")  # those that versions before have, too
+_PROFILES = ("reference", "fast")  # profiles that earlier versions have, too
 _POLICIES: dict[str, tuple[str, dict[str, Any]]] = {
     "DroQ": (
         "RegularizedSACPolicy",
@@ -75,17 +75,17 @@ Ask = Callable[[object], Any]
 
 
 class PeerError(SB3PianoError, RuntimeError):
-    """Process of a peer that cannot be started, or stopped answering."""
+    """Raised if a peer's process cannot be started, or stops answering."""
 
 
 @contextlib.contextmanager
 def open_peer(
     python: str, actions: Actions, folder: str = "", profile: str = ""
 ) -> Iterator[tuple[dict[str, str], Ask]]:
-    """RoboPianist in a process of its own: its versions, and what plays ``env`` or ``physics``.
+    """Start RoboPianist in a process; yield its versions and a function that plays an episode.
 
-    With a folder, such as a checkout, the version of this package in it plays in place of it, with
-    that physics profile. The actions of each episode are (steps, 39) float32.
+    With a folder, such as a checkout, the folder's version of this package plays instead, with that
+    physics profile. The actions of each episode are (steps, 39) float32.
 
     Raises:
         PeerError: If there is no such interpreter, or it has no RoboPianist of that version; if the
@@ -101,7 +101,7 @@ def open_peer(
     environ = os.environ | ({"PYTHONPATH": folder} if folder else {})
     with tempfile.TemporaryFile() as stderr:
         options: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": stderr}
-        try:  # in a session of its own: Ctrl-C is for this process to answer
+        try:  # in a new session, so that Ctrl-C reaches this process only
             process = subprocess.Popen(
                 command, env=environ, start_new_session=True, text=True, **options
             )
@@ -134,7 +134,7 @@ def open_peer(
 
 
 def episode_actions() -> Actions:
-    """Actions of an episode, (steps, 39) in [-1, 1]: a filtered random walk."""
+    """Return the actions of an episode, (steps, 39) in [-1, 1]: a filtered random walk."""
     with contextlib.closing(gym.make(ENV_ID)) as made:
         env: Any = made.unwrapped
         actions = np.empty((EPISODE_STEPS or len(env.roll), len(env.rest_action)), dtype=np.float32)
@@ -148,10 +148,10 @@ def episode_actions() -> Actions:
 def simulation_measurements(
     actions: Actions, peer: Ask | None, before: str | None, stack: contextlib.ExitStack
 ) -> list[Measurement]:
-    """Environments and the bare physics under them, all with the same actions, (steps, 39).
+    """Return measurements of environments and of their bare physics, with equal actions.
 
-    With the folder of another version of this package, ``before``, it and this one play in
-    processes of their own as well.
+    With ``before``, the folder of another version of this package, both versions also play in
+    separate processes. The actions are (steps, 39).
     """
     found: dict[str, Measurement] = {}
 
@@ -211,10 +211,10 @@ def simulation_measurements(
 
 
 def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
-    """Updates of each preset's networks: its default by observation, and for the debug pieces.
+    """Return measurements of each preset's updates: by observation, and for the debug pieces.
 
-    They are made as runs make them. With the first kind of observation those of SB3 alone are
-    measured, too, those with a ``matmul_precision`` of ``"medium"``, and SAC's with our policies.
+    Models are made as in runs. For the first kind of observation, updates are also measured with
+    plain SB3, with a ``matmul_precision`` of ``"medium"``, and for SAC with our policies.
     """
     found = []
     for algo in _ALGORITHMS:
@@ -251,7 +251,7 @@ def _run_updates(
 
 
 def training_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
-    """Whole training with each preset: its default, and for the debug pieces."""
+    """Return measurements of training with each preset: its default, and for the debug pieces."""
     return [
         training_measurement(f"{algo}{suffix}", _config(algo, env_id), stack)
         for algo in _ALGORITHMS
@@ -266,10 +266,10 @@ def training_measurement(
     base: str | None = None,
     steps: int | None = None,
 ) -> Measurement:
-    """Whole training of a run, after the ``learning_starts`` steps that fill its buffer.
+    """Return a measurement of a run's training, after its ``learning_starts`` steps.
 
-    A sample has so many environment steps, by default :data:`TRAINING_STEPS`; ``base`` names the
-    measurement to compare with, and the stack closes the environments.
+    A sample has a number of environment steps, by default :data:`TRAINING_STEPS`; ``base`` names
+    the measurement to compare with, and the stack closes the environments.
     """
     model, venv = _filled_model(config, stack)
     venv.step = simulation = _Stopwatch(venv.step)  # type: ignore[method-assign]
@@ -290,7 +290,7 @@ def training_measurement(
 
 
 class _Stopwatch:
-    """A function that adds up the seconds it takes."""
+    """Function wrapper that adds up the seconds of its calls."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function, self.seconds = function, 0.0
@@ -304,7 +304,7 @@ class _Stopwatch:
 
 
 def _config(algo: str, env_id: str = GENERAL_ID, **env_kwargs: Any) -> RunConfig:
-    """A preset on the measured piece, quick to set up without a change to its updates."""
+    """Return a preset on the measured piece, quick to set up and with unchanged updates."""
     if env_id == GENERAL_ID:
         env_kwargs["score"] = gym.spec(ENV_ID).kwargs["score"]
     sizes: dict[str, Any] = {"buffer_size": TRANSITIONS, "learning_starts": TRANSITIONS}
@@ -314,7 +314,7 @@ def _config(algo: str, env_id: str = GENERAL_ID, **env_kwargs: Any) -> RunConfig
 def _filled_model(
     config: RunConfig, stack: contextlib.ExitStack
 ) -> tuple[OffPolicyAlgorithm, VecEnv]:
-    """A model that has played but not yet learned, and its environments."""
+    """Return a model with a filled buffer and no updates, and its environments."""
     venv = stack.enter_context(contextlib.closing(build_vec_env(config)))
     model = build_model(config, venv)
     assert isinstance(model, OffPolicyAlgorithm), "only off-policy algorithms are measured"
@@ -322,10 +322,10 @@ def _filled_model(
 
 
 def memory_rows() -> list[Row]:
-    """Sizes of SB3's replay buffer and of ours, for RoboPianist's full observation.
+    """Measure the sizes of SB3's replay buffer and ours, for RoboPianist's full observation.
 
-    Both are filled with the same transitions under random actions, and their sizes then scaled to
-    the buffer size of the TD3 preset: nobody has to have the memory for it.
+    Both get the same transitions under random actions; the sizes are then extrapolated to the
+    buffer size of the TD3 preset, which needs not fit into memory.
     """
     size = load_config("td3", GENERAL_ID).algorithm_kwargs["buffer_size"]
     config = _config("td3", observation="roll")

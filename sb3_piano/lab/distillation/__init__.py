@@ -1,4 +1,4 @@
-"""Distillation: one network that learns from a teacher to play any piece, in rounds."""
+"""Distillation (DAgger): train one network for any piece from a teacher, in rounds."""
 
 from sb3_piano.lab.distillation.config import DEFAULT_FILE, DistillConfig
 from sb3_piano.lab.distillation.distill import DistillResult, distill

@@ -1,4 +1,4 @@
-"""``sb3-piano distill``: make a policy that plays any piece, or go on making one."""
+"""``sb3-piano distill``: train a policy for any piece, or resume its training."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from sb3_piano.cli.common import (
     TRUST,
     command,
     env_options,
+    print_interrupted,
     progress_bar,
     refuse_options,
-    tell_interrupted,
     whole_number,
 )
 from sb3_piano.exceptions import ConfigError
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from sb3_piano.lab.distillation.rounds import RoundResult
 
 _SET_HELP = (
-    "a setting in place of the file's, such as rounds.0.epochs=3, improvements=[] or "
-    "teacher.plan.passes=2; may be given several times"
+    "override a setting of the file, such as rounds.0.epochs=3, improvements=[] or "
+    "teacher.plan.passes=2; repeatable"
 )
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _distill, epilog=TRUST)
-    add("--out", "FOLDER", "a new or empty folder")
-    add("--config", text="settings; default: those that come with the package")
+    add("--out", "FOLDER", "output folder, new or empty")
+    add("--config", text="settings of the distillation; default: the package's file")
     add("--set", "NAME=VALUE", _SET_HELP, action="append")
-    add("--resume", "FOLDER", "go on with the distillation in this folder")
-    add("--workers", "N", "processes that play; default: one for each core", whole_number)
+    add("--resume", "FOLDER", "resume the distillation in this folder")
+    add("--workers", "N", "playing processes; default: one per core", whole_number)
     add("--num-threads")
     add("--no-progress")
 
@@ -81,17 +81,16 @@ def _tell_round(result: RoundResult) -> None:
         print(f"  {len(result.skipped)} excerpts were left out, such as number {number}: {why}")
     unplayed = [title for title, metrics in result.pieces.items() if metrics is None]
     if unplayed:
-        print(f"  Could not be played to judge by: {', '.join(unplayed)}")
+        print(f"  Unplayable evaluation pieces: {', '.join(unplayed)}")
 
 
 def _report(result: DistillResult) -> int:
-    from sb3_piano.lab.distillation.distill import go_on
+    from sb3_piano.lab.distillation.distill import resume_command
 
-    folder = shlex.quote(str(result.folder))
     print(f"Folder:      {result.folder}")
     if result.weights is not None:
         print(f"Weights:     {result.weights}")
-        print(f"Play:        sb3-piano play PIECE --player sight-reader --weights {folder}")
+        print(f"Play:        sb3-piano play PIECE --player {shlex.quote(str(result.weights))}")
     if result.interrupted:
-        print(f"Go on:       {go_on(result.folder)}")
-    return tell_interrupted(result.interrupted, EXIT_OK)
+        print(f"Resume:      {resume_command(result.folder)}")
+    return print_interrupted(result.interrupted, EXIT_OK)

@@ -1,4 +1,4 @@
-"""Settings of a distillation, and the YAML files that hold them."""
+"""Settings of a distillation, and their YAML files."""
 
 from __future__ import annotations
 
@@ -33,69 +33,69 @@ from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import plain
 
 DEFAULT_FILE = Path(__file__).with_name("distill.yml")
-"""The settings that come with the package."""
+"""The package's default settings."""
 
 PLANNED = "planned"
-"""The teacher that plans each excerpt."""
+"""Name of the teacher that plans each excerpt."""
 
 Noise = Annotated[Number, Ge(0), Unit("rad")]
 
 
 @settings
 class Round:
-    """A round: excerpts that are played, after which the network is trained on all rounds'."""
+    """A round: play excerpts, then train the network on the data of all rounds so far."""
 
     excerpts: Count
-    """How many excerpts of the corpus are played, those after the last round's."""
+    """Number of excerpts; they follow those of the previous round."""
     learner: Share = 0.0
-    """Share of the segments that the network of the round before plays; 0 in the first round."""
+    """Share of segments played by the previous round's network; 0 in the first round."""
     noise: Noise = 0.04
-    """Standard deviation of what is added to the teacher's actions, rad of a finger's joint."""
+    """Standard deviation of the noise on the teacher's actions, rad of a finger's joint."""
     learner_noise: Noise = 0.012
-    """The same for the learner's actions."""
+    """Standard deviation of the noise on the learner's actions, likewise."""
     warm: bool = False
-    """Whether training begins with the weights of the round before, in place of new ones."""
+    """Whether training starts from the previous round's weights instead of new ones."""
     epochs: Count = 6
-    """How often it goes through all rounds' data."""
+    """Number of passes over the data of all rounds."""
     batch_size: Count = 512
-    """Hands' rows of an update."""
+    """Rows (of one hand) per update."""
     learning_rate: Positive = 1e-3
-    """Highest learning rate of Adam, which rises and falls in one cycle."""
+    """Peak learning rate of Adam in a one-cycle schedule."""
     huber: Positive = 0.1
     """Error of a finger's joint beyond which the loss grows linearly, rad."""
 
 
 @settings
 class PlayingSettings:
-    """How excerpts are played to learn from."""
+    """How training excerpts are played."""
 
     physics: str = "fast"
     """Name of the physics profile."""
     noise_scales: Annotated[tuple[NotNegative, ...], Listed, MinLen(1)] = (0.0, 0.5, 1.0, 1.5)
-    """What a round's noise is multiplied with; each excerpt draws one."""
+    """Factors of a round's noise; each excerpt draws one."""
     noise_memory: Annotated[Number, Ge(0), Unit("s")] = 0.2
     """Time in which the noise's correlation falls to 1/e, s."""
     segment: Annotated[tuple[Positive, Positive], Listed] = (0.5, 3.0)
-    """Shortest and longest time for which it is drawn who plays, s."""
+    """Shortest and longest segment with one player, s."""
     takeover_slider: Positive = 0.03
     """Distance of a hand from its plan, along the keyboard, at which the teacher takes over, m. It
-    gives back at half of that."""
+    hands back at half of it."""
     takeover_joints: Positive = 0.35
-    """The same for the root of the mean square of a hand's joint angles, rad."""
+    """The same for the root mean square of a hand's joint angles, rad."""
 
 
 @settings
 class TeacherSettings:
-    """Whose action is the label of each state."""
+    """The teacher, whose actions label the states."""
 
     name: str = PLANNED
-    """``planned``, or the folder of a run whose model observes "hands" and acts by HandActions."""
+    """``planned``, or the folder of a run with observation "hands" and HandActions."""
     plan: Nested[PlanSettings] = field(
         default_factory=lambda: PlanSettings(
             rounds=3, iterations=3, dynamic_iterations=4, feedback=0.75
         )
     )
-    """How excerpts are planned: quickly, and by default without ``passes`` of refinement."""
+    """Settings of the excerpts' plans: fast, by default without ``passes`` of refinement."""
 
     def __post_init__(self) -> None:
         if self.name != PLANNED and os.path.isdir(self.name):
@@ -109,17 +109,17 @@ class NetworkSettings:
     net_arch: Annotated[tuple[Count, ...], Listed] = (384, 384, 384)
     """Sizes of the hidden layers."""
     activation: Literal["SiLU", "ReLU"] = "SiLU"
-    """Name in ``torch.nn`` of what comes after each."""
+    """Activation function, by its name in ``torch.nn``."""
 
 
 @settings
 class EvaluationSettings:
-    """What is played after each round, and in the end, by the network alone, to judge it."""
+    """Evaluation of the network alone, after each round and improvement."""
 
     physics: str = "reference"
     """Name of the physics profile."""
     excerpts: Index = 12
-    """Excerpts of a corpus like the one that is learnt from, but of another seed."""
+    """Number of excerpts of the training corpus with another seed."""
     pieces: Annotated[tuple[str, ...], Listed] = (
         "FurElise",
         "ClairDeLune",
@@ -130,14 +130,14 @@ class EvaluationSettings:
         "scale-EbMajor",
         "arpeggio-BMinor",
     )
-    """Names or files of pieces, none of which is in the corpus."""
+    """Names or files of pieces outside of the corpus."""
     duration: Positive | None = 30.0
-    """The most of a piece that is played, s; none for whole pieces."""
+    """Longest part of a piece, s; ``None`` for whole pieces."""
 
     def __post_init__(self) -> None:
         if not (self.excerpts or self.pieces):
             raise ConfigError(
-                "evaluation has no excerpts and no pieces: expected something to judge by."
+                "evaluation has no excerpts and no pieces: expected at least one of them."
             )
         pieces = tuple(_absolute(piece) if is_path(piece) else piece for piece in self.pieces)
         object.__setattr__(self, "pieces", pieces)
@@ -145,14 +145,14 @@ class EvaluationSettings:
 
 @settings
 class Improvement:
-    """Reinforcement learning that goes on from the network before it, without a teacher."""
+    """Reinforcement learning from the previous network, without a teacher."""
 
     n_timesteps: Count
-    """Steps of the training, of hands where those are its agents: twice the control steps."""
+    """Steps of the training; with hands as agents, twice the control steps."""
     physics: str | None = None
-    """Name of the physics profile in place of the one in the file."""
+    """Name of the physics profile; by default the file's."""
     corpus: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of the corpus in place of the distillation's."""
+    """Settings of the corpus that replace the distillation's."""
     algo: str = "ppo"
     """Name of the algorithm."""
     config: str | None = None
@@ -169,16 +169,16 @@ class Improvement:
 class DistillConfig:
     """All settings of a distillation.
 
-    Relative paths are made absolute, so that it can be gone on with from anywhere.
+    Relative paths become absolute, so that it can be resumed from any folder.
 
     Raises:
-        ConfigError: If a setting is unknown, has the wrong type or is out of range, or a piece that
-            judges is also learnt from.
+        ConfigError: If a setting is unknown, has the wrong type or is out of range, or an
+            evaluation piece is also in the corpus.
     """
 
     corpus: Nested[Corpus] = field(default_factory=Corpus)
-    """What is played; rounds that ask for more excerpts than it has begin anew, with other noise
-    and other segments."""
+    """Training excerpts; rounds with more excerpts than it has start over, with other noise and
+    other segments."""
     rounds: Annotated[tuple[Nested[Round], ...], Listed, MinLen(1)] = (
         Round(excerpts=300, epochs=18),
         Round(excerpts=200, learner=0.8, warm=True, epochs=8, batch_size=768, learning_rate=6e-4),
@@ -190,17 +190,17 @@ class DistillConfig:
         Improvement(n_timesteps=3_200_000),
         Improvement(n_timesteps=2_400_000, physics="fast-contacts", corpus={"near": 0.3}),
     )
-    """What follows the rounds; between two of them is one more look at how well it plays."""
+    """Improvements after the rounds; each is followed by an evaluation."""
     evaluation: Nested[EvaluationSettings] = field(default_factory=EvaluationSettings)
     shard: Count = 25
-    """Excerpts of a data set, which one process plays."""
+    """Excerpts per data set; one process plays each data set."""
     recorded: str | None = None
-    """Folder of a corpus, from ``sb3-piano corpus --by-hand``, that is learnt from in place of
-    playing the first round; its ``excerpts`` are left out then."""
+    """Folder of a corpus, from ``sb3-piano corpus --by-hand``, that replaces the first round's
+    data; the round's ``excerpts`` are not played."""
     buffer: Count = DEFAULT_BUFFER
-    """Hands' rows that are held in memory in training; of more, shards are read in each epoch."""
+    """Rows (of one hand) in memory during training; with more, shards are read in each epoch."""
     seed: Index = 0
-    """Seeds the noise, who plays when, and the network; the corpus has its own."""
+    """Seed of the noise, the segments' players and the network; the corpus has its own."""
 
     def __post_init__(self) -> None:
         for name in ("learner", "warm"):
@@ -240,16 +240,16 @@ class DistillConfig:
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
-        """Return the settings for what a YAML file holds; what is not given is the default."""
+        """Return the settings of a YAML file's content; missing settings get their defaults."""
         return cls(**mapping)
 
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str], **changes: Any) -> Self:
-        """Return the settings of a YAML file.
+        """Load the settings of a YAML file.
 
         Args:
             path: The file.
-            **changes: Values in place of the file's, by names such as ``corpus.seed`` or
+            **changes: Values that replace the file's, by names such as ``corpus.seed`` or
                 ``rounds.0.epochs``.
 
         Raises:
@@ -264,7 +264,7 @@ class DistillConfig:
         return config
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the settings in YAML's types; :meth:`from_mapping` gives them back."""
+        """Return the settings in YAML's types, the inverse of :meth:`from_mapping`."""
         found: dict[str, Any] = plain(dataclasses.asdict(self), "config")
         return found
 
@@ -299,7 +299,7 @@ def _with_absolute_paths(corpus: Corpus) -> Corpus:
 
 
 def _change(mapping: dict[str, Any], name: str, value: Any) -> None:
-    """Set a value in nested mappings and lists, by names that dots join."""
+    """Set a value in nested mappings and lists by a dotted name."""
     place: Any = mapping
     *path, last = name.split(".")
     for part in path:

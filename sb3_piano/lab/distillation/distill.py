@@ -1,4 +1,4 @@
-"""Rounds of playing, training and judging: from a planned pianist to a network that reads."""
+"""Distil a planned pianist into one sight-reading network."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ class DistillResult:
     folder: Path
     """Folder of all files."""
     rounds: tuple[RoundResult, ...]
-    """The rounds that are done, and the improvements after them."""
+    """Finished rounds and improvements."""
     weights: Path | None
-    """File of the newest network of a hand, if a round is done."""
+    """File of the newest network of a hand, if a round is finished."""
     interrupted: bool = False
     """Whether Ctrl-C or SIGTERM ended it early."""
 
@@ -72,16 +72,16 @@ def distill(
     on_progress: Progress = lambda text, done, total: None,
     on_round: Callable[[RoundResult], object] = lambda result: None,
 ) -> DistillResult:
-    """Make a policy that plays any piece, out of a teacher's labels in the states it comes into.
+    """Train a policy for any piece from a teacher's labels (DAgger, Ross et al. 2011).
 
-    In each round excerpts are played, by the teacher and, from the second round on, by the network
-    of the round before, while the teacher says what would be right (DAgger, Ross et al. 2011); then
-    a network is trained on all rounds' data and plays held-out music alone. Then it goes on without
-    the teacher, by reinforcement learning (``config.improvements``), and is judged after each.
+    In each round the teacher and, from the second round on, the previous round's network play
+    excerpts, and the teacher labels each state with its action. Then a network is trained on the
+    data of all rounds and evaluated on held-out music. Reinforcement learning without the teacher
+    follows (``config.improvements``), with an evaluation after each improvement.
 
-    A folder in which a distillation was begun is gone on with: what is whole is kept, and the
-    result of the rounds is that of one which never stopped. Ctrl-C or SIGTERM ends it; at most the
-    training of a round, and the shards that are being played, are then lost.
+    A started distillation is resumed: finished parts are kept, and the result of the rounds equals
+    that of an uninterrupted one. Ctrl-C or SIGTERM ends it; at most the training of one round and
+    the shards in progress are lost.
 
     ======================= ======================================================================
     ``config.yml``          the settings
@@ -90,25 +90,25 @@ def distill(
     ``round-N.safetensors`` network of one hand after round N, from 0; ``round-N.json`` is its
                             :class:`RoundResult`
     ``improved-N/``         the run of improvement N, from 0, as :func:`~sb3_piano.training.train`
-                            makes it; ``.safetensors`` and ``.json`` are what came of it
+                            makes it; ``.safetensors`` and ``.json`` are its network and result
     ``hand.safetensors``    the newest of these networks, a :class:`~sb3_piano.players.HandModel`
-    ``rounds.csv``          a line of each
+    ``rounds.csv``          a row per result
     ======================= ======================================================================
 
     Args:
-        config: The settings; ``None`` for those of a folder that is gone on with.
-        folder: Where to: a new or empty folder, or one to go on with.
-        executor: Plays the excerpts, where it sees the folder by the same path; by default a pool
-            of processes of this machine.
-        workers: Processes of that pool; by default one for each usable core.
+        config: The settings; ``None`` to resume with the folder's settings.
+        folder: Output folder: new, empty, or of a distillation to resume.
+        executor: Executor that plays the excerpts and sees the folder by the same path; by default
+            a pool of local processes.
+        workers: Processes of that pool; by default one per usable core.
         num_threads: Threads of torch for all training; by default see :mod:`sb3_piano.threads`.
-        on_progress: Tells what is being done.
-        on_round: Is called with each result, also of those done before.
+        on_progress: Called with the progress.
+        on_round: Called with each result, including earlier ones.
 
     Raises:
         ConfigError: If a setting is not valid, or the teacher does not fit.
         RunError: If the folder cannot be used, or has other settings.
-        UnknownPieceError: If there is no piece to judge by of a given name.
+        UnknownPieceError: If an evaluation piece is unknown.
         MissingPackageError: If Minari is not installed.
     """
     require_minari()
@@ -116,17 +116,17 @@ def distill(
     if config is None:
         config = _settings_of(place)
     held_out = held_out_pieces(config)
-    recorded_of(config)  # what is wrong with it is better told now
+    recorded_of(config)  # raise its errors before the work
     with contextlib.closing(hands_env(config.playing.physics)) as env:
         with new_teacher(config.teacher, config.playing, env):
-            pass  # what is wrong with it is better told now than by a worker
+            pass  # raise its errors here instead of in a worker
         hands_env(config.evaluation.physics).close()
     names = [round_name(number) for number in range(len(config.rounds))]
     improvements: dict[str, Make] = {}
     for number in range(len(config.improvements)):
         start = weights_file(place.absolute(), names[-1])
         run = improvement_run(config, number, start, num_threads)
-        run.env.make().close()  # what is wrong is better told now than when the rounds are done
+        run.env.make().close()  # raise its errors before the rounds
         names.append(f"improved-{number}")
         improvements[names[-1]] = partial(improve, config, number, start, num_threads, on_progress)
     rounds: list[RoundResult] = []
@@ -168,7 +168,7 @@ def distill(
 
 
 def _settings_of(place: Path) -> DistillConfig:
-    """Return the settings of a distillation that was begun."""
+    """Read the settings of a started distillation."""
     file = place / _CONFIG
     if not file.is_file():
         raise RunError(
@@ -179,10 +179,10 @@ def _settings_of(place: Path) -> DistillConfig:
 
 
 def _check_files(place: Path, config: DistillConfig) -> None:
-    """Note the checksums of files that decide what rounds play, or compare them with the noted.
+    """Save the checksums of the rounds' input files, or compare them with the saved ones.
 
     Raises:
-        RunError: If one was another when the distillation was begun.
+        RunError: If a file has changed since the start of the distillation.
     """
     library = Library()
     names = sorted({name for names in config.corpus.names.values() for name in names})
@@ -198,7 +198,7 @@ def _check_files(place: Path, config: DistillConfig) -> None:
 
 
 def _write_results(place: Path, rounds: Sequence[RoundResult], names: Sequence[str]) -> None:
-    """Write the table, and the newest network under the name by which others look for it."""
+    """Write the table of results, and the newest network as ``hand.safetensors``."""
     columns = ("name", "transitions", "loss", *JUDGED_BY, "minutes")
     rows = [{name: getattr(result, name) for name in columns} for result in rounds]
     write_csv(place / _TABLE, columns, rows)
@@ -207,6 +207,6 @@ def _write_results(place: Path, rounds: Sequence[RoundResult], names: Sequence[s
     write_bytes(place / FILE_NAME, newest.read_bytes())
 
 
-def go_on(place: Path) -> str:
-    """Return the command that goes on with a folder."""
+def resume_command(place: Path) -> str:
+    """Return the command that resumes a distillation."""
     return f"sb3-piano distill --resume {shlex.quote(str(place))}"

@@ -1,4 +1,4 @@
-"""What follows the rounds: reinforcement learning from the last round's network on."""
+"""Improvements after the rounds: reinforcement learning from the last round's network."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from sb3_piano.training.runs.folder import RunFolder
 def improvement_run(
     config: DistillConfig, number: int, start: Path, num_threads: int | None
 ) -> RunConfig:
-    """Return the settings of a training.
+    """Return the settings of an improvement's training.
 
     Args:
-        config: The settings of the distillation.
-        number: Which of its improvements, from 0.
-        start: File of the network with which it begins.
-        num_threads: Threads of torch, if they are chosen.
+        config: Settings of the distillation.
+        number: Number of the improvement, from 0.
+        start: File of the initial network.
+        num_threads: Threads of torch, or ``None``.
 
     Raises:
-        ConfigError: If the settings in the file are not valid, or have no place for the corpus or
-            the network.
+        ConfigError: If the settings in the file are not valid, or lack ``CorpusExcerpt`` or
+            ``HandWeightsCallback``.
     """
     settings = config.improvements[number]
     file = Path(settings.config or SIGHT_READER)
@@ -50,7 +50,7 @@ def improvement_run(
         GENERAL_ID,
         file,
         n_timesteps=settings.n_timesteps,
-        seed=config.seed + number,  # not the first one's excerpts once more
+        seed=config.seed + number,  # for other excerpts than the first improvement's
         **chosen,
     )
     corpus = {"corpus": dataclasses.asdict(config.corpus_of(number))}
@@ -63,8 +63,8 @@ def improvement_run(
     return dataclasses.replace(
         run,
         env_kwargs={**run.env_kwargs, **physics},
-        env_wrapper=_given(file, run.env_wrapper, CorpusExcerpt, corpus),
-        callback=_given(file, run.callback, HandWeightsCallback, {"model": str(start.absolute())}),
+        env_wrapper=_set_in(file, run.env_wrapper, CorpusExcerpt, corpus),
+        callback=_set_in(file, run.callback, HandWeightsCallback, {"model": str(start.absolute())}),
         algorithm_kwargs={**run.algorithm_kwargs, "policy_kwargs": policy},
     )
 
@@ -77,26 +77,26 @@ def improve(
     tell: Progress,
     weights: Path,
 ) -> Mapping[str, str]:
-    """Train on, and write the network; what is done of it is not done again.
+    """Train an improvement, or resume it, and write its network.
 
     Args:
-        config: The settings of the distillation.
-        number: Which of its improvements, from 0.
-        start: File of the network with which it begins.
-        num_threads: Threads of torch, if they are chosen.
-        tell: Tells how far it is.
-        weights: File of the network that is made; the run's folder is beside it, of that name.
+        config: Settings of the distillation.
+        number: Number of the improvement, from 0.
+        start: File of the initial network.
+        num_threads: Threads of torch, or ``None``.
+        tell: Called with the progress.
+        weights: File of the new network; the run's folder is beside it, with the same name.
 
     Returns:
-        Nothing that could not be played.
+        An empty mapping, as no excerpt is skipped.
 
     Raises:
-        KeyboardInterrupt: If someone asked it to end.
+        KeyboardInterrupt: If the training was interrupted.
     """
     folder = weights.with_suffix("")
-    told = _Told(tell, weights.stem, config.improvements[number].n_timesteps)
+    report = _ProgressReport(tell, weights.stem, config.improvements[number].n_timesteps)
     run = improvement_run(config, number, start, num_threads)
-    played = train_to_end(folder, run, [told], progress_bar=False)
+    played = train_to_end(folder, run, [report], progress_bar=False)
     policy: Any = run.algorithm.load(RunFolder(folder).model_file, device="cpu").policy
     steps = HandModel.load(start).facts.num_timesteps + played * policy.n_hands // len(SIDES)
     with contextlib.closing(hands_env(config.playing.physics)) as env:
@@ -104,10 +104,10 @@ def improve(
     return {}
 
 
-def _given(
+def _set_in(
     file: Path, plugins: tuple[Plugin, ...], kind: type, kwargs: dict[str, Any]
 ) -> tuple[Plugin, ...]:
-    """Return plugins with other arguments for the one of a class, which has to be there."""
+    """Return plugins with changed arguments for those of class ``kind``, which must exist."""
     if not any(plugin.is_a(kind) for plugin in plugins):
         raise ConfigError(
             f"An improvement's config is '{file}', which has no {kind.__name__}: expected it "
@@ -117,8 +117,8 @@ def _given(
     return with_arguments(plugins, kind, **kwargs)
 
 
-class _Told(BaseCallback):
-    """Tell how far a training is, and how well the last episode was played."""
+class _ProgressReport(BaseCallback):
+    """Report the progress of a training and the score of its last episode."""
 
     def __init__(self, tell: Progress, name: str, total: int) -> None:
         super().__init__()

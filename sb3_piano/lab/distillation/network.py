@@ -1,4 +1,4 @@
-"""The learner: one hand's network in torch, and its regression to what would have been right."""
+"""The learner: the network of a hand in torch, and its regression to expert actions."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from sb3_piano.lab.distillation.config import NetworkSettings, Round
 from sb3_piano.policies import HandsTD3Policy, set_standardization
 
 _CONSTANT = 1e-3
-"""A standard deviation up to which a number of the observation counts as one that never changes."""
+"""Standard deviation below which a component of the observation counts as constant."""
 
 _LARGEST_GRADIENT = 1.0
 _RISING = 0.05
-"""Share of the updates in which the learning rate rises."""
+"""Share of updates with a rising learning rate."""
 
 _REPORTED_EVERY = 20  # updates
 
 
 def new_policy(settings: NetworkSettings, inputs: int, actions: int) -> HandsTD3Policy:
-    """Return a policy of one hand with new weights from torch's own generator.
+    """Return a policy of one hand with new weights from torch's global generator.
 
     Args:
-        settings: Of the network.
-        inputs: Numbers of a hand's observation.
-        actions: Actions of a hand.
+        settings: Settings of the network.
+        inputs: Size of a hand's observation.
+        actions: Size of a hand's action.
     """
     return HandsTD3Policy(
         spaces.Box(-np.inf, np.inf, (inputs,), np.float32),
         spaces.Box(-1.0, 1.0, (actions,), np.float32),
         lambda _: 0.0,
         n_hands=1,
-        net_arch={"pi": list(settings.net_arch), "qf": [1]},  # nothing is asked of the critics
+        net_arch={"pi": list(settings.net_arch), "qf": [1]},  # the critics are not used
         activation_fn=getattr(nn, settings.activation),
     )
 
@@ -54,19 +54,19 @@ def regress(
     seed: int,
     on_update: Callable[[int, int, float], object] = lambda done, updates, loss: None,
 ) -> float:
-    """Train a policy of one hand to the actions that were right.
+    """Train a policy of one hand by regression to expert actions.
 
     The loss is Huber's, of errors in units of ``settings.huber``; the learning rate rises and then
     falls along half cosines ("one cycle", Smith and Topin 2018).
 
     Args:
         policy: The policy.
-        rows: (N, n) observations of a hand, and (N, m) the actions.
-        settings: How to train.
-        reach: What an action of 1 adds to a finger's joint, rad.
-        seed: Shuffles the rows.
-        on_update: Is called now and then with how many updates are done, of how many, and the mean
-            loss of the last ones. What it raises ends the training.
+        rows: (N, n) observations of a hand, and (N, m) expert actions.
+        settings: Settings of the training.
+        reach: Change of a finger joint's angle by an action of 1, rad.
+        seed: Seed of the rows' order.
+        on_update: Called periodically with the number of updates, their total and the mean loss of
+            the last ones. An exception from it ends the training.
 
     Returns:
         The mean loss of the last epoch.
@@ -74,7 +74,7 @@ def regress(
     parameters = list(policy.actor.parameters())
     optimizer = torch.optim.Adam(parameters, settings.learning_rate, fused=True)
     updates = settings.epochs * math.ceil(len(rows) / settings.batch_size)
-    rising = min(max(_RISING, 1.5 / updates), 0.9)  # of few updates, at least the first
+    rising = min(max(_RISING, 1.5 / updates), 0.9)  # at least the first update
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, settings.learning_rate, updates, pct_start=rising
     )
@@ -102,5 +102,5 @@ def regress(
 
 
 def standardize(policy: BasePolicy, mean: npt.NDArray[Any], std: npt.NDArray[Any]) -> None:
-    """Let a policy standardise what it sees, but for what hardly ever changed."""
+    """Set a policy's standardisation of observations; constant components are only shifted."""
     set_standardization(policy, mean, np.where(std < _CONSTANT, 0.0, std))

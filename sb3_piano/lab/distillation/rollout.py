@@ -1,4 +1,4 @@
-"""Excerpts as they are played: by learner and teacher in turn, or by the learner alone."""
+"""Rollouts of excerpts: by learner and teacher in turn, or by the learner alone."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _OPTIONS: dict[str, Any] = {
     "initial_buffer_time": 0.5,
 }
 _FIRST_SCORE = "scale-CMajor"
-"""What an environment has before it is given an excerpt."""
+"""Score of an environment before its first excerpt."""
 
 _GIVEN_BACK = 0.5
-"""Share of the distance of taking over at which the teacher gives back."""
+"""Distance at which the teacher hands back, as a share of the takeover distance."""
 
 
 def hands_env(physics: str, fingering: str = "robot") -> HandActions:
@@ -40,7 +40,7 @@ def hands_env(physics: str, fingering: str = "robot") -> HandActions:
 
     Args:
         physics: Name of the physics profile.
-        fingering: "keep" if whatever is played has fingers.
+        fingering: "keep" if all scores have fingers.
     """
     options = {"score": _FIRST_SCORE, "physics": physics, "fingering": fingering, **_OPTIONS}
     return HandActions(gym.make(GENERAL_ID, disable_env_checker=True, **options))
@@ -54,13 +54,13 @@ def play_excerpt(
     teacher: Teacher,
     learner: HandModel | None,
 ) -> tuple[EpisodeBuffer, dict[str, float]]:
-    """Return an excerpt as it is played in a round, with the teacher's action in each state.
+    """Play an excerpt in a round, and record the teacher's action in each state.
 
     It is a pure function of the settings, the numbers and the learner's weights.
 
     Args:
         config: The settings.
-        round_number: The round, from 0.
+        round_number: Number of the round, from 0.
         number: The excerpt's number, counted over all rounds; see :meth:`DistillConfig.of_round`.
         env: An environment of :func:`hands_env` that keeps fingers.
         teacher: A teacher in this environment.
@@ -93,17 +93,17 @@ def play_excerpt(
 
 
 def play_alone(env: HandActions, score: Score, learner: HandModel) -> Mapping[str, float]:
-    """Return the music metrics of a piece that the learner plays."""
+    """Play a piece with the learner and return the music metrics."""
     return next(rollout(learner, env, options={"score": score})).metrics
 
 
 class _Playing:
-    """One excerpt: who plays in each step, and what is added to the action.
+    """Choice of the player and of the action noise in each step of one excerpt.
 
     Attributes:
         noise: Standard deviation of the noise on the teacher's actions, rad.
-        by_learner: Steps that the learner has played.
-        taken_over: Steps that the teacher has played since the hands were lost.
+        by_learner: Number of steps by the learner.
+        taken_over: Number of the learner's steps that the teacher took over.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class _Playing:
         self.by_learner = self.taken_over = 0
 
     def act(self, observation: npt.NDArray[np.float32], label: Action) -> Action:
-        """Return the action of who plays, with noise."""
+        """Return the noisy action of the current player."""
         noise, action, by_learner = self._sample(self._random), label, False
         if self._learner is not None and self._is_learners(self._teacher.distance()):
             action, by_learner = self._learner.act(observation), True
@@ -139,7 +139,7 @@ class _Playing:
         return played.astype(np.float32)
 
     def _is_learners(self, distance: float) -> bool:
-        """Return whether the learner plays this step, where the hands are so far off."""
+        """Return whether the learner plays this step, given the hands' distance from the plan."""
         if self._step == self._until:
             self._learner_plays = self._random.random() < self._share
             self._until += int(self._random.integers(*self._segment, endpoint=True))

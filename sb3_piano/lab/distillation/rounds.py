@@ -1,4 +1,4 @@
-"""Rounds of a distillation: each plays, trains on all that was played so far, and is judged."""
+"""Rounds of a distillation: play excerpts, train on all data so far, evaluate."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ from sb3_piano.players import HandModel
 from sb3_piano.policies import HandsTD3Policy, hand_weights, load_hand_weights
 
 DATA = "data"
-"""Name of the folder of the data sets."""
+"""Name of the data sets' folder."""
 
 Progress = Callable[[str, int, int], object]
-"""Is called with what is being done, how much of it is done, and of how much."""
+"""Called with the current work, the amount done and the total."""
 
 Make = Callable[[Path], Mapping[str, str]]
-"""Writes a network's file if it is not there; returns what it had to skip."""
+"""Writes a network's file if it is missing; returns the reasons of skipped excerpts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,28 +54,28 @@ class RoundResult:
     """Result of a round, or of an improvement after the last one."""
 
     name: str
-    """``round-N`` or ``improved-N``, N from 0; the files are called so."""
+    """``round-N`` or ``improved-N``, N from 0; also the name of the files."""
     transitions: int
-    """Control steps that the network learnt from so far, of this round and all before."""
+    """Control steps of training data, of this round and all before."""
     loss: float | None
-    """Mean loss of the last epoch; none of an improvement."""
+    """Mean loss of the last epoch; ``None`` for an improvement."""
     f1: float
-    """Mean F1 of what was played alone."""
+    """Mean F1 of the evaluation."""
     onset_f1: float
-    """Mean onset F1 of that."""
+    """Mean onset F1 of the evaluation."""
     minutes: float
-    """Time that the round took since it was begun or resumed."""
+    """Time of the round since its start or last resumption, min."""
     pieces: Mapping[str, Mapping[str, float] | None]
-    """Both metrics of each piece by its title; none of one that cannot be played."""
+    """Both metrics of each piece by title; ``None`` for an unplayable piece."""
     skipped: Mapping[str, str]
-    """Why an excerpt of this round, by its number, could not be played."""
+    """Reason of each skipped excerpt of this round, by its number."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkJob(Job):
-    """A network that is made and judged: a round, or an improvement after the last one.
+    """Job that makes and evaluates a network, in a round or an improvement.
 
-    Its files stand beside its folder, which only an improvement has.
+    Its files are beside its folder; only an improvement has a folder.
     """
 
     make: Make
@@ -100,11 +100,11 @@ class Rounds:
 
     Args:
         config: The settings.
-        place: The folder, by a path that the executor's processes have, too.
-        held_out: What is played to judge by.
-        executor: Does the jobs.
-        request: Ends the work when it is made.
-        tell: Tells what is being done.
+        place: The folder, by a path valid in the executor's processes.
+        held_out: Scores of the evaluation.
+        executor: Executor of the jobs.
+        request: Request to end the work early.
+        tell: Called with the progress.
     """
 
     def __init__(
@@ -122,18 +122,18 @@ class Rounds:
         self._recorded = recorded_of(config)
 
     def job(self, number: int, name: str, make: Make | None = None) -> NetworkJob:
-        """Return the job of a network, by default of a round, which is made and judged."""
+        """Return the job of a network; by default the job of a round."""
         make = make or partial(self._train, number)
         return NetworkJob(name=name, folder=self._place / name, work=self._judged, make=make)
 
     def _judged(self, job: NetworkJob) -> Mapping[str, Any]:
-        """Make a network and judge it; return the :class:`RoundResult` as a mapping."""
+        """Make a network and evaluate it; return the :class:`RoundResult` as a mapping."""
         started = time.monotonic()
         skipped = job.make(job.weights)
         pieces = self._judge(job.name, job.weights)
         played = [metrics for metrics in pieces.values() if metrics is not None]
         if not played:
-            raise RunError("Nothing could be played to judge by: expected other evaluation.pieces.")
+            raise RunError("No evaluation piece could be played: expected other evaluation.pieces.")
         facts = HandModel.load(job.weights).facts
         result = RoundResult(
             name=job.name,
@@ -147,7 +147,7 @@ class Rounds:
         return dataclasses.asdict(result)
 
     def _play(self, number: int) -> list[Shard]:
-        """Return the shards of a round, in order; those that are not there are made."""
+        """Return the shards of a round, in order; record the missing ones."""
         if number in self._shards:
             return self._shards[number]
         if number == 0 and self._recorded is not None:
@@ -159,7 +159,7 @@ class Rounds:
         return self._shards[number]
 
     def _rows(self, last: int) -> ShuffledRows:
-        """Return the rows of all rounds up to one: both hands' observations, and labels."""
+        """Return the rows of all rounds up to ``last``: both hands' observations and labels."""
         played = [(n, shard) for n in range(last + 1) for shard in self._play(n) if shard.steps > 0]
         if not played:
             raise RunError("No excerpt could be played: expected another corpus or teacher.")
@@ -167,13 +167,13 @@ class Rounds:
         return ShuffledRows(reads, [2 * shard.steps for _, shard in played], self._config.buffer)
 
     def _read(self, number: int, shard: Shard) -> Rows:
-        """Return the rows of a data set of a round; what was recorded elsewhere is checked."""
+        """Read the rows of a round's data set, from the recorded corpus if it has it."""
         if number == 0 and self._recorded is not None:
             return read_rows(self._recorded.dataset(shard))
         return read_rows(shard.open(self._place / DATA))
 
     def _train(self, number: int, weights: Path) -> Mapping[str, str]:
-        """Train a network on all data so far, unless it is there; see :meth:`judged`."""
+        """Train a network on all data so far, unless it exists; return skipped excerpts."""
         skipped = {n: why for shard in self._play(number) for n, why in shard.skipped.items()}
         if weights.is_file():
             return skipped
@@ -206,7 +206,7 @@ class Rounds:
         return skipped
 
     def _prepare(self, policy: HandsTD3Policy, number: int, rows: ShuffledRows) -> None:
-        """Give a new network the standardisation of the first round, and weights if it is warm."""
+        """Set a new network's standardisation from the first round, and its weights if warm."""
         if number == 0:
             statistics: RunningMeanStd | None = None
             for observations, _ in rows.parts():
@@ -225,7 +225,7 @@ class Rounds:
         load_hand_weights(policy, {**hand_weights(policy), **kept})
 
     def _judge(self, name: str, weights: Path) -> dict[str, Mapping[str, float] | None]:
-        """Return the metrics of each piece that the network plays alone."""
+        """Evaluate the network alone on each held-out piece; return the metrics by title."""
         text, found = f"{name}: held-out pieces", {}
         total = len(self._held_out)
         self._tell(text, 0, total)
@@ -239,12 +239,12 @@ class Rounds:
     def _mapped(
         self, function: Callable[[Any], Any], jobs: Sequence[Any]
     ) -> contextlib.closing[Generator[Any, None, None]]:
-        """Give the results of jobs; those that have not begun are cancelled with the block."""
+        """Yield the results of jobs; pending jobs are cancelled at the end of the block."""
         return contextlib.closing(map_jobs(self._executor, function, jobs, self._request))
 
 
 def held_out_pieces(config: DistillConfig) -> list[Score]:
-    """Return what is played to judge by.
+    """Return the scores of the evaluation.
 
     Raises:
         UnknownPieceError: If there is no piece of a name.
@@ -254,12 +254,12 @@ def held_out_pieces(config: DistillConfig) -> list[Score]:
     fresh = replace(config.corpus, seed=config.corpus.seed + 1, n=max(count, 1))
     pieces = [replace(load_score(name).excerpt(0.0, end), title=name) for name in settings.pieces]
     found = [*(fresh[index] for index in range(count)), *pieces]
-    titles = unique_titles(score.title for score in found)  # other music may have the same one
+    titles = unique_titles(score.title for score in found)  # other music may have the same title
     return [replace(score, title=title) for score, title in zip(found, titles, strict=True)]
 
 
 def recorded_of(config: DistillConfig) -> RecordedCorpus | None:
-    """Return the corpus in place of the first round's playing, if one is given.
+    """Open the corpus that replaces the first round's data, if one is given.
 
     Raises:
         ConfigError: If there is none in the folder, or it was not recorded by hand.
@@ -274,10 +274,10 @@ def recorded_of(config: DistillConfig) -> RecordedCorpus | None:
 
 
 def round_name(number: int) -> str:
-    """Return what a round is called, with its files."""
+    """Return the name of a round and its files."""
     return f"round-{number}"
 
 
 def weights_file(place: Path, name: str) -> Path:
-    """Return where the network of a round or an improvement is."""
+    """Return the network's file of a round or an improvement."""
     return place / f"{name}.safetensors"

@@ -1,4 +1,4 @@
-"""What the executor does in a distillation: shards of played excerpts, and judging."""
+"""Jobs of a distillation's executor: record shards of excerpts, and evaluate."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 _PLAYED_BY = ("corpus", "playing", "teacher", "shard", "seed")
-"""Settings that decide how excerpts are played, beside those of the rounds."""
+"""Settings that decide how excerpts are played, besides the rounds' settings."""
 
 JUDGED_BY = ("f1", "onset_f1")
 """Metrics of an evaluation."""
@@ -36,7 +36,7 @@ JUDGED_BY = ("f1", "onset_f1")
 def shard_jobs(
     config: DistillConfig, round_number: int, learner: Path | None, root: Path
 ) -> list[ShardJob]:
-    """Return the jobs of a round, from 0; ``learner`` has the weights of the round before."""
+    """Return the jobs of a round, from 0; ``learner`` is the previous round's network file."""
     settings, size = config.to_mapping(), config.shard
     played = [settings[name] for name in _PLAYED_BY]
     rounds = settings["rounds"][: round_number + 1]
@@ -60,7 +60,7 @@ def shard_jobs(
 def _playing(
     config: DistillConfig, round_number: int, learner: Path | None
 ) -> Iterator[tuple[HandActions, Play]]:
-    """Give the environment, and what plays an excerpt in it.
+    """Yield the environment, and a function that plays an excerpt in it.
 
     Raises:
         ConfigError: If the teacher does not fit, or the learner's file is damaged.
@@ -89,7 +89,7 @@ def read_rows(dataset: MinariDataset) -> tuple[Float32Array, Float32Array]:
 
 
 def judge(physics: str, learner: Path, score: Score) -> tuple[str, Mapping[str, float] | None]:
-    """Return a piece's title, and the metrics of a network; none of what cannot be played."""
+    """Return a piece's title and a network's metrics; ``None`` if it cannot be played."""
     try:
         found = play_alone(_env(physics, "robot"), score, HandModel.load(learner))
     except (ScoreError, SimulationDivergedError):
@@ -99,5 +99,5 @@ def judge(physics: str, learner: Path, score: Score) -> tuple[str, Mapping[str, 
 
 @functools.lru_cache(maxsize=2)
 def _env(physics: str, fingering: str) -> HandActions:
-    """Return the environment of this process, for all of its jobs."""
+    """Return this process's environment, shared by all its jobs."""
     return hands_env(physics, fingering)

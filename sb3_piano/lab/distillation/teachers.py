@@ -1,4 +1,4 @@
-"""Teachers: who says what would be right in each state."""
+"""Teachers: players that label each state with an expert action."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from sb3_piano.wrappers.piano import piano_of
 Action = npt.NDArray[np.float32]
 
 _JOINTS = 20
-"""Actuators of a hand that turn a joint; then come its slider along the keyboard and the other."""
+"""Actuators of a hand's joints; its slider along the keyboard and the other slider follow."""
 
 
 class Teacher(Player, Protocol):
-    """A player that says in every state what would be right there."""
+    """A player that gives the expert action in every state."""
 
     def distance(self) -> float:
-        """Return how far the hands are from where the teacher wants them.
+        """Return the distance of the hands from the teacher's target.
 
         At 1 the teacher takes over.
         """
@@ -39,10 +39,10 @@ class Teacher(Player, Protocol):
 def new_teacher(
     settings: TeacherSettings, playing: PlayingSettings, env: HandActions
 ) -> Iterator[Teacher]:
-    """Give a teacher, as long as the block lasts.
+    """Yield a teacher for the duration of the block.
 
     Raises:
-        ConfigError: If there is no such teacher, or it sees or does other than the learner.
+        ConfigError: If there is no such teacher, or its spaces differ from the learner's.
         RunError: If a run's model cannot be loaded.
     """
     if settings.name == PLANNED:
@@ -62,17 +62,17 @@ def new_teacher(
             raise ConfigError(
                 f"The run '{settings.name}' cannot teach: expected a trained model with "
                 'observation="hands", reduced_action_space=False and HandActions around the piano, '
-                "which sees and does what the learner does."
+                "with the spaces of the learner."
             )
         yield RunTeacher(player)
 
 
 class PlannedTeacher:
-    """Follows a plan of each excerpt, back to it by feedback from wherever the hands are.
+    """Teacher that follows a plan of each excerpt, with feedback from the hands' positions.
 
     Args:
-        settings: The plans' settings.
-        playing: How far from the plan the teacher takes over.
+        settings: Settings of the plans.
+        playing: Distances at which the teacher takes over.
         env: The environment.
     """
 
@@ -87,12 +87,12 @@ class PlannedTeacher:
         episode_start: npt.NDArray[np.bool_] | None = None,
         deterministic: bool = False,
     ) -> tuple[Action, Any]:
-        """Return what leads back to the plan, which is made at the beginning of an episode.
+        """Return the action that leads back to the plan; an episode's start makes a new plan.
 
         Raises:
-            ScoreError: If what the environment plays cannot be planned.
+            ScoreError: If the environment's score cannot be planned.
         """
-        del observation, state, deterministic  # the plan goes by where the actuators are
+        del observation, state, deterministic  # the plan uses the actuators' positions
         piano, settings = self._piano, self._settings
         if episode_start is not None and episode_start.any():
             made = plan(piano.roll, piano.scene, settings)
@@ -101,7 +101,7 @@ class PlannedTeacher:
         return self._env.action_for(controls), None
 
     def distance(self) -> float:
-        """Return the greatest distance of a hand, relative to that of taking over."""
+        """Return the greatest distance of a hand, relative to the takeover distance."""
         step = self._piano.steps_played
         off = (self._positions() - self._tracker.plan.positions[step]).reshape(2, -1)
         along = np.abs(off[:, _JOINTS]) / self._playing.takeover_slider
@@ -114,7 +114,7 @@ class PlannedTeacher:
 
 
 class RunTeacher:
-    """The model of a run, which sees what the learner sees; it never takes over.
+    """Teacher from a run's model, with the learner's observations; it never takes over.
 
     Args:
         player: The run's model.
@@ -124,10 +124,10 @@ class RunTeacher:
         self._player = player
 
     def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Action, Any]:
-        """Return what the model plays."""
+        """Return the model's deterministic action."""
         del arguments, named
         return self._player.predict(observation, deterministic=True)
 
     def distance(self) -> float:
-        """Return 0: it wants the hands nowhere in particular."""
+        """Return 0: it has no target positions."""
         return 0.0

@@ -1,4 +1,4 @@
-"""Music to learn from: generated pieces, and corpora of excerpts."""
+"""Training music: generated pieces, and corpora of excerpts."""
 
 from sb3_piano.lab.music.corpus import Corpus
 from sb3_piano.lab.music.corpus_excerpt import CorpusExcerpt

@@ -1,4 +1,4 @@
-"""The corpus: many different excerpts of music, from which a policy learns to read."""
+"""Corpus of excerpts for training a sight-reading policy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sb3_piano.music.text_file import is_hidden
 from sb3_piano.settings import Count, Index, Listed, Positive, Share, settings
 
 SOURCES = ("generated", "studies", "repertoire", "library")
-"""Sources of excerpts, beside the path of a file or of a folder of MIDI files."""
+"""Sources of excerpts, besides paths of files or of folders of MIDI files."""
 
 HELD_OUT = (
     "scale-EbMajor",
@@ -45,50 +45,50 @@ HELD_OUT = (
     "hanon-11",
     "hanon-17",
 )
-"""Studies that are kept for judging, spread over kinds and keys."""
+"""Studies held out for evaluation, of several kinds and keys."""
 
 _STRETCH = 1.25
-"""Longest stretch of a given piece; the shortest is one by it."""
+"""Largest factor of a piece's duration; the smallest is its inverse."""
 
 _TEMPO = (60.0, 140.0)
-"""Quarter notes a minute of studies; those in quarter notes are also played twice as fast."""
+"""Tempo range of studies, quarter notes per minute; studies in quarters may be twice as fast."""
 
 _FARTHEST = 12
-"""Semitones by which a piece is transposed at most."""
+"""Largest transposition of a piece, semitones."""
 
 _MIDI = (".mid", ".midi")
 
 _KEPT = 20_000
-"""Excerpts with fingers that a process keeps, some 10 kB each."""
+"""Size of a process's cache of excerpts with fingers, some 10 kB each."""
 
 _Names = Annotated[tuple[str, ...], Listed]
 
 
 @settings
 class Corpus:
-    """Excerpts of music, each a pure function of the settings and of its index.
+    """Sequence of music excerpts, each a pure function of the settings and its index.
 
     Excerpts that are not generated come from a random place of a piece, which is transposed
     within the keyboard and played slower or faster. A transposed piece keeps its hands, but not
-    its fingers. No piece is transposed so that it begins like a held-out study in any octave.
+    its fingers. No transposed piece begins like a held-out study, in any octave.
 
     Attributes:
         seed: Another seed gives another corpus.
         duration: Length of an excerpt, at most, in s.
         sources: Weight of each source: ``"generated"`` (:func:`generate_score`), ``"studies"``,
-            ``"repertoire"``, ``"library"`` (what the user has imported), or the path of a file or
+            ``"repertoire"``, ``"library"`` (the user's imported pieces), or the path of a file or
             of a folder of MIDI files.
-        held_out: Names of pieces that are never used, with or without their collection; of files,
-            without their suffix.
-        n: How many excerpts there are.
-        own_hands: Share of the excerpts that :meth:`fingered` leaves to the hands for which they
-            are written. They are harder to play.
-        near: Share of the generated excerpts whose hands play close together, as
-            :func:`generate_score` has it.
+        held_out: Names of excluded pieces, with or without their collection; of files, without
+            their suffix.
+        n: Number of excerpts.
+        own_hands: Share of excerpts whose written hands :meth:`fingered` keeps. They are harder to
+            play.
+        near: Share of generated excerpts with hands close together, as in
+            :func:`generate_score`.
 
     Raises:
-        ConfigError: If a source is unknown or has no piece that may be used, or there is no piece
-            of a held-out name.
+        ConfigError: If a source is unknown or all its pieces are held out, or a held-out name is
+            unknown.
     """
 
     seed: Index = 0
@@ -122,7 +122,7 @@ class Corpus:
                 )
 
     def __hash__(self) -> int:
-        # Not the sources, which cannot be hashed.
+        # The sources are left out, as a mapping has no hash.
         return hash((self.seed, self.duration, self.n, self.own_hands, self.near))
 
     def __len__(self) -> int:
@@ -145,11 +145,11 @@ class Corpus:
             raise IndexError(f"Excerpt {index} is not in the corpus: it has {self.n}.")
         index = int(index) % self.n
         random = np.random.default_rng((self.seed, index))
-        sources = sorted(self.sources)  # equal corpora are the same music
+        sources = sorted(self.sources)  # equal corpora have equal music
         weights = np.array([self.sources[source] for source in sources])
         source = sources[int(random.choice(len(weights), p=weights / weights.sum()))]
         if source == "generated":
-            # Drawn only where it matters, so that a share of 0 gives the corpus without it.
+            # Drawn only if needed, so that a share of 0 leaves the corpus unchanged.
             near = self.near > 0 and bool(random.random() < self.near)
             score = generate_score(random, self.duration, near=near)
             return replace(score, title=f"{score.title} {index:05d}")
@@ -157,15 +157,15 @@ class Corpus:
         return self._excerpt(random, names[int(random.integers(len(names)))])
 
     def fingered(self, index: int) -> Score:
-        """Return an excerpt with fingers for the simulated hands, found once in a process.
+        """Return an excerpt with fingers for the simulated hands, cached per process.
 
-        Arguments and errors are those of ``[]``.
+        Arguments and errors are as for ``[]``.
         """
         return _fingered(self, index)
 
     @functools.cached_property
     def names(self) -> Mapping[str, tuple[str, ...]]:
-        """The names, or paths, of the pieces of each source, but for generated music."""
+        """Names, or paths, of the pieces of each source except generated music."""
         known = pieces()
         return {
             source: self._kept(_names(source), known)
@@ -199,7 +199,7 @@ class Corpus:
 
     @functools.cached_property
     def _openings(self) -> frozenset[tuple[tuple[int, ...], ...]]:
-        """How the held-out studies begin."""
+        """Openings of the held-out studies."""
         held_out = set(STUDIES) - set(self._kept(tuple(STUDIES), STUDIES))
         return frozenset(_opening(STUDIES[name].score(), 0) for name in held_out)
 
@@ -211,7 +211,7 @@ def _fingered(corpus: Corpus, index: int) -> Score:
 
 
 def _opening(score: Score, semitones: int) -> tuple[tuple[int, ...], ...]:
-    """Return the pitch classes with which a piece that is transposed begins, whoever plays."""
+    """Return the first pitch classes of a transposed piece, for any hand."""
     struck: dict[float, set[int]] = {}
     for note in score.notes[:8]:
         struck.setdefault(note.onset, set()).add((note.pitch + semitones) % 12)
@@ -238,7 +238,7 @@ def _score(name: str) -> Score:
 
 
 def _names(source: str) -> tuple[str, ...]:
-    """Return the names, or the paths, of all pieces of a source.
+    """Return the names, or paths, of all pieces of a source.
 
     Raises:
         ConfigError: If there is no such source.
@@ -253,7 +253,7 @@ def _names(source: str) -> tuple[str, ...]:
         seen = (f for f in files if not any(map(is_hidden, f.relative_to(path).parts)))
         return tuple(sorted(str(file) for file in seen if os.path.isfile(file)))
     if os.path.isfile(path) and path.suffix.lower() in READERS:
-        # With a separator it is taken for a path wherever a piece may be given.
+        # A separator marks it as a path wherever a piece may be given.
         return (str(path.absolute()),)
     raise ConfigError(
         f"Unknown source {source!r}.{near_names(source, SOURCES)} Expected one of "
@@ -262,7 +262,7 @@ def _names(source: str) -> tuple[str, ...]:
 
 
 def _aliases(name: str, known: Mapping[str, Piece]) -> set[str]:
-    """Return what a piece may be called: by its full name or without the collection, or file."""
+    """Return a piece's names: in full, without the collection, or the file's stem."""
     if is_path(name):
         return {name, Path(name).name, Path(name).stem}
     return {name, name.removeprefix(f"{known[name].collection}-")}

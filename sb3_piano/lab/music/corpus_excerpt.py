@@ -1,4 +1,4 @@
-"""An excerpt of a corpus chosen at random for each episode."""
+"""Wrapper that draws an excerpt of a corpus for each episode."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ _MOST_DRAWS = 100
 
 
 class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
-    """Play another excerpt of a corpus in each episode, with fingers for the simulated hands.
+    """Play a random excerpt of a corpus in each episode, with fingers for the simulated hands.
 
-    All excerpts are equally likely; equal seeds choose alike. It takes the place of the
-    environment's own piece as :class:`~sb3_piano.wrappers.RandomPiece` does. An environment that
-    finds fingers itself (``fingering="robot"``) does it again: "keep" is faster.
+    All excerpts are equally likely; equal seeds draw equal excerpts. The excerpt replaces the
+    environment's own piece, as in :class:`~sb3_piano.wrappers.RandomPiece`. An environment with
+    ``fingering="robot"`` computes fingers again: "keep" is faster.
 
     Args:
         env: A piano environment, wrapped or not.
-        corpus: The corpus, or settings of one by name, in place of its own.
-        episodes: How many episodes in a row play an excerpt. To find fingers and to read takes as
-            long as some 200 control steps on the fast physics.
+        corpus: The corpus, or a mapping of settings that replace the defaults.
+        episodes: Number of consecutive episodes with one excerpt. A new excerpt costs as much time
+            as some 200 control steps on the fast physics.
 
     Raises:
         ConfigError: If a setting is wrong, or ``env`` is no piano.
     """
 
     chooses_piece = True
-    draws_times = True  # those of the score that stands for all excerpts mean nothing
+    draws_times = True  # the times of the placeholder score have no meaning
 
     def __init__(
         self, env: gym.Env[Any, Any], corpus: Corpus | Mapping[str, Any], episodes: int = 1
@@ -54,27 +54,27 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
     @property
     def sources(self) -> list[Score]:
-        """A score from the lowest to the highest key: excerpts may be anywhere."""
+        """A placeholder score from the lowest to the highest key, for excerpts anywhere."""
         ends = [Note(onset=0.0, offset=1.0, pitch=pitch) for pitch in (MIN_PITCH, MAX_PITCH)]
         return [Score(notes=ends, title="corpus")]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode; one with a seed chooses anew."""
+        """Begin an episode; a seed draws a new excerpt."""
         if seed is not None:
             self._chosen = None
         return super().reset(seed=seed, options=options)
 
     def choose(self, random: np.random.Generator) -> Score:
-        """Return the excerpt of an episode."""
+        """Draw the excerpt of an episode."""
         if self._chosen is None or not self._left:
             self._chosen, self._left = self._excerpt(random), self._episodes
         self._left -= 1
         return self._chosen
 
     def _excerpt(self, random: np.random.Generator) -> Score:
-        """Return an excerpt in which the hands that are there have something to play."""
+        """Draw an excerpt with notes for the hands in the scene."""
         draws_left = _MOST_DRAWS
         while True:
             score = self._corpus.fingered(int(random.integers(len(self._corpus))))
@@ -86,7 +86,7 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
                     raise
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
-        """Return the plan with this choice, unless the piece is settled further out."""
+        """Return the plan with this excerpt, unless an outer wrapper chose the piece."""
         if "score" in options or plan.choose is not None:
             return plan
         return replace(plan, choose=self.choose)

@@ -1,4 +1,4 @@
-"""Results that can be checked: files of evaluations, their aggregates, and playing them again."""
+"""Reproducible results: files of evaluations, aggregates, and checks by replaying."""
 
 from sb3_piano.lab.results.checking import check, drawn
 from sb3_piano.lab.results.held_out import held_out

@@ -11,33 +11,33 @@ from sb3_piano.arrays import FloatArray
 from sb3_piano.training.evaluation.statistics import CONFIDENCE, Interval
 
 RESAMPLES = 9999
-_SEED = 0  # the same results have the same interval
+_SEED = 0  # equal results have equal intervals
 
 
 class Aggregate(NamedTuple):
-    """What a player reaches over several pieces."""
+    """Aggregate score of a player over several pieces."""
 
     iqm: float
     """Mean of the middle half of the scores of all pieces and seeds."""
     over_seeds: Interval | None
-    """Interval for other seeds on the same pieces; ``None`` if seeds make no difference."""
+    """Interval for other seeds on the same pieces; ``None`` if scores do not vary by seed."""
     over_pieces: Interval | None
-    """Interval for other pieces like these, too; ``None`` of one piece."""
+    """Interval for other seeds and similar pieces; ``None`` for one piece."""
 
 
 def aggregate(scores: npt.ArrayLike) -> Aggregate:
     """Return the interquartile mean of (n_pieces, n_seeds) scores, with its 95 % intervals.
 
-    The bootstrap is stratified: seeds are drawn again for each piece on its own. For other pieces,
-    pieces are drawn again first. Ends are the 2.5 % and 97.5 % quantiles of 9999 resamples.
+    The bootstrap is stratified: seeds are resampled within each piece. For other pieces, pieces are
+    resampled first. The ends are the 2.5 % and 97.5 % quantiles of 9999 resamples.
 
     Source:
         Agarwal et al., Deep Reinforcement Learning at the Edge of the Statistical Precipice (2021).
         rliable's ``StratifiedBootstrap`` draws in the same way (``task_bootstrap`` for pieces).
-        It is not used itself, as it requires arch 7, which pandas 3 breaks.
+        rliable itself is not used, as it requires arch 7, which pandas 3 breaks.
 
     Raises:
-        ValueError: If there are no scores, or not as many of each piece.
+        ValueError: If there are no scores, or pieces have different numbers of seeds.
     """
     values = np.asarray(scores, dtype=np.float64)
     if values.ndim != 2 or values.size == 0:

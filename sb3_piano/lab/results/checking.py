@@ -1,4 +1,4 @@
-"""Checking: what a file of results claims is played again."""
+"""Check a file of results by replaying it."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from sb3_piano.lab.results.measuring import (
 from sb3_piano.lab.results.records import Result
 
 STANDARD_ERRORS = 3.0
-"""By how many standard errors of their difference two means may differ, beside the tolerance."""
+"""Allowed difference of two means in standard errors, added to the tolerance."""
 
 TOLERANCE = 0.01
-"""What may differ by default in any case: few roll-outs tell their own spread badly."""
+"""Default tolerance; few rollouts estimate their standard error poorly."""
 
 
 class Check(NamedTuple):
-    """What became of a claim."""
+    """Outcome of checking a claimed result."""
 
     claimed: Result
     problems: tuple[str, ...]
-    """What does not hold; empty if all does."""
+    """Deviations from the claim; empty if it holds."""
     differences: tuple[str, ...]
-    """What differs between the machine of the file and this one."""
+    """Differences between the claim's machine and this one."""
 
     @property
     def holds(self) -> bool:
@@ -42,19 +42,19 @@ class Check(NamedTuple):
 
 
 def drawn(results: Sequence[Result], count: int | None, seed: int) -> list[Result]:
-    """Return so many results, drawn by a seed, each as likely as any other; ``None`` is all."""
+    """Draw ``count`` results uniformly by a seed; ``None`` returns all."""
     if count is None or count >= len(results):
         return list(results)
     return random.Random(seed).sample(list(results), count)
 
 
 def check(claimed: Result, tolerance: float = TOLERANCE) -> Check:
-    """Play again what a result claims, and compare.
+    """Replay a claimed result and compare.
 
-    The digests of score and network must be equal. The means over seeds must not differ by more
-    than the tolerance and three standard errors of the difference, sqrt(e1^2 + e2^2): playing is
-    chaotic, and on another processor the last bit of a sum may decide whether a finger is caught
-    beside a key. A single roll-out has no standard error.
+    The digests of score and network must be equal. The means over seeds may differ by at most the
+    tolerance plus three standard errors of the difference, sqrt(e1^2 + e2^2): playing is chaotic,
+    and on another processor the last bit of a sum may decide whether a finger gets stuck beside a
+    key. A single rollout has no standard error.
 
     Raises:
         ConfigError: If there is no such player.
@@ -91,7 +91,7 @@ def _estimate(result: Result, name: str) -> Estimate:
 
 
 def _differences(claimed: Result) -> tuple[str, ...]:
-    """Return what differs between where a result was measured and here."""
+    """Return the differences between a result's machine and this one."""
     found = [
         f"{name} {claimed.versions.get(name, 'unknown')}, here {version}"
         for name, version in versions().items()

@@ -1,4 +1,4 @@
-"""``sb3-piano results``: files of results, measured, shown and checked."""
+"""``sb3-piano results``: measure, check and show files of results."""
 
 from __future__ import annotations
 
@@ -26,47 +26,47 @@ _Found = TypeVar("_Found")
 
 
 def add_arguments(parser: Any) -> None:
-    """Add the command's own commands."""
+    """Add the subcommands."""
     parts = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    add = add_command(parts, "measure", _measure, "play, and write a file of results", epilog=TRUST)
-    add("--pieces", "PIECE", "names, files or collections; default: repertoire", nargs="+")
-    add("--held-out", text="the pieces and seeds of the held-out list, in place of --pieces")
-    add("--players", "WHO", _PLAYERS_HELP, nargs="+", default=["sight-reader", "planned"])
-    add("--seeds", "N", "an episode with each; default: 0 to 4", int, nargs="+")
-    add("--noise", "RAD", "sd of the noise on actions; default: 0.0001", float)
+    add = add_command(parts, "measure", _measure, "evaluate players and write a file", epilog=TRUST)
+    add("--pieces", "PIECE", "pieces: names, files or collections; default: repertoire", nargs="+")
+    add("--held-out", text="use the pieces and seeds of the held-out list")
+    add("--players", "PLAYER", _PLAYERS_HELP, nargs="+", default=["sight-reader", "planned"])
+    add("--seeds", "N", "random seeds, one episode each; default: 0 to 4", int, nargs="+")
+    add("--noise", "RAD", "standard deviation of action noise; default: 0.0001", float)
     add("--physics", "NAME", "physics profile", default="reference")
-    add("--out", "FILE.json", "results there stay, but for those that are measured again", Path)
+    add("--out", "FILE.json", "output file; keeps its other results", Path)
     _add_workers(add)
     add = add_command(
         parts,
         "check",
         _check,
-        "play again what a file claims; status 1 if it differs",
+        "replay results of a file; exit status 1 if they differ",
         epilog=TRUST,
     )
-    add("file", "FILE", "", Path)
-    add("--sample", "N", f"results to play, drawn by --seed; default: {_SAMPLE}", whole_number)
-    add("--all", text="play all results")
-    add("--seed", "N", "what the sample is drawn by", int, 0)
+    add("file", "FILE", "file of results", Path)
+    add("--sample", "N", f"number of results to replay; default: {_SAMPLE}", whole_number)
+    add("--all", text="replay all results")
+    add("--seed", "N", "random seed of the sample", int, 0)
     add(
         "--tolerance",
         "X",
-        "by how much means may differ, beside 3 standard errors of the difference",
+        "allowed difference of means, added to 3 standard errors of the difference",
         float,
         0.01,
     )
     _add_workers(add)
     add = add_command(parts, "table", _table, "show the results of a file, as Markdown")
-    add("file", "FILE", "", Path)
+    add("file", "FILE", "file of results", Path)
     add("--physics", "NAME", "physics profile", default="reference")
-    add("--origin", text="also show where each result comes from")
+    add("--origin", text="also show the origin of each result")
 
 
-_PLAYERS_HELP = "planned, sampling-32, sight-reader, sight-reader-tree, or the folder of a run"
+_PLAYERS_HELP = "planned, sampling-32, sight-reader, sight-reader-tree, or a run's folder"
 
 
 def _add_workers(add: Callable[..., None]) -> None:
-    add("--workers", "N", "processes that play; default: one for each core", whole_number)
+    add("--workers", "N", "playing processes; default: one per core", whole_number)
     add("--no-progress")
 
 
@@ -87,12 +87,12 @@ def _measure(arguments: argparse.Namespace) -> int:
         if arguments.seeds.count(seed) > 1:
             raise ConfigError(
                 f"Seed {seed} is given {arguments.seeds.count(seed)} times: expected each seed "
-                "once, as its episode would only be counted again."
+                "once, as its episode would be counted twice."
             )
     physics, file = physics_named(arguments.physics), arguments.out or Path("results.json")
     check_output_file("--out", file)
     for player in arguments.players:
-        player_digest(player)  # so that what cannot play is told before anything is played
+        player_digest(player)  # report unknown players before playing
     if arguments.held_out:
         pieces, seeds = held_out().pieces, held_out().seeds
     else:
@@ -101,7 +101,7 @@ def _measure(arguments: argparse.Namespace) -> int:
         others = [piece for piece in given if piece not in made]
         pieces = made + tuple(map(str, select_pieces(others)) if others else ())
         seeds = tuple(arguments.seeds or SEEDS)
-    Results.add_to(file, ())  # so that another kind of file, or a disk without locks, is told now
+    Results.add_to(file, ())  # report an unusable file before playing
     given_noise = ACTION_NOISE if arguments.noise is None else arguments.noise
     noise = checked("--noise", given_noise, NotNegative)
     jobs = [
@@ -169,7 +169,7 @@ def _done(
     function: Callable[[_Job], _Found],
     jobs: Iterable[_Job],
 ) -> Iterator[_Found]:
-    """Yield the results of jobs, which processes do, while a bar shows how many are done."""
+    """Run jobs in processes and yield their results, with a progress bar."""
     from sb3_piano.interrupts import stop_on_signal
     from sb3_piano.jobs import map_jobs, open_executor
 

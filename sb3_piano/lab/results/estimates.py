@@ -1,4 +1,4 @@
-"""Means of roll-outs, their errors, and as many of their digits as hold."""
+"""Means over rollouts with standard errors, rounded to significant decimals."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import NamedTuple
 
 
 class Estimate(NamedTuple):
-    """A mean over roll-outs."""
+    """A mean over rollouts."""
 
     mean: float
     error: float | None
-    """Standard error of the mean; ``None`` if a single roll-out says nothing of it."""
+    """Standard error of the mean; ``None`` for a single rollout."""
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Estimate:
-        """Return the mean of roll-outs of one piece."""
+        """Return the mean over rollouts of one piece."""
         error = stdev(values) / math.sqrt(len(values)) if len(values) > 1 else None
         return cls(fmean(values), error)
 
     @classmethod
     def average(cls, estimates: Sequence[Estimate]) -> Estimate:
-        """Return the mean over pieces, with the error that their roll-outs leave."""
+        """Return the mean over pieces, with the standard error from their rollouts."""
         errors = [each.error for each in estimates if each.error is not None]
         error = math.hypot(*errors) / len(errors) if len(errors) == len(estimates) else None
         return cls(fmean(each.mean for each in estimates), error)
@@ -36,5 +36,5 @@ class Estimate(NamedTuple):
 
 
 def decimals(error: float) -> int:
-    """Return how many decimals of a score hold: 3 if its error is below half a hundredth."""
+    """Return the number of significant decimals of a score: 3 if its error is below 0.005."""
     return 3 if error < 0.005 else 2

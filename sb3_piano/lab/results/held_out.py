@@ -10,7 +10,7 @@ from sb3_piano.files import read_table
 
 
 class HeldOut(NamedTuple):
-    """The list."""
+    """The held-out list."""
 
     seeds: tuple[int, ...]
     pieces: tuple[str, ...]
@@ -19,7 +19,7 @@ class HeldOut(NamedTuple):
 
 @functools.cache
 def held_out() -> HeldOut:
-    """Return the list that comes with the package."""
+    """Load the package's held-out list."""
     found = read_table(Path(__file__).with_suffix(".yml"))
     made = found["generated"]  # excerpts 0 to n - 1
     generated = (f"generated-{made['seed']}-{index}" for index in range(made["n"]))

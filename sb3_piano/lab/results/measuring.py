@@ -1,4 +1,4 @@
-"""Measuring: pieces are played, and how well becomes a result."""
+"""Measure players on pieces and return results."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PLAYERS: Mapping[str, PlayerSpec] = {
     "sight-reader": PlayerSpec(name="sight-reader"),
     "sight-reader-tree": PlayerSpec.parse("tree:64x8:sight-reader"),
 }
-"""Players that come with the package, by their names in files of results."""
+"""The package's players, by their names in files of results."""
 
 GENERATED_DURATION = 20.0
 """Length of generated pieces, s."""
@@ -47,17 +47,17 @@ DIGITS = 4
 """Decimals of a score in a file."""
 
 SEEDS = (0, 1, 2, 3, 4)
-"""What is played with by default."""
+"""Default seeds."""
 
 ACTION_NOISE = 0.0001
-"""Standard deviation of the noise on actions by default, rad: see docs/results.md."""
+"""Default standard deviation of the noise on actions, rad; see docs/results.md."""
 
 _LIBRARIES = ("mujoco", "numpy", "scipy", "torch")
 _GENERATED = re.compile(r"generated-(\d+)-(\d+)")
 
 
 class Measurement(NamedTuple):
-    """What is to be measured."""
+    """Specification of a measurement."""
 
     piece: str
     player: str
@@ -67,16 +67,16 @@ class Measurement(NamedTuple):
 
 
 def is_generated(piece: str) -> bool:
-    """Return whether a piece is called ``generated-SEED-INDEX``, see :func:`score_source`."""
+    """Return whether a piece's name is ``generated-SEED-INDEX``, see :func:`score_source`."""
     return _GENERATED.fullmatch(piece) is not None
 
 
 @contextlib.contextmanager
 def score_source(piece: str) -> Iterator[str]:
-    """Give what :func:`~sb3_piano.music.load_score` reads as the piece of this name.
+    """Yield the source of a piece for :func:`~sb3_piano.music.load_score`.
 
-    ``generated-SEED-INDEX`` is an excerpt of 20 s of a corpus of generated music, by way of a MIDI
-    file; all others are names and files of pieces already.
+    ``generated-SEED-INDEX`` is an excerpt of 20 s of a corpus of generated music, written to a MIDI
+    file; all other names are returned unchanged.
     """
     made = _GENERATED.fullmatch(piece)
     if made is None:
@@ -97,10 +97,10 @@ def score_digest(piece: str) -> str:
 
 
 def player_of(name: str) -> PlayerSpec:
-    """Return the player of a name in a file of results, or of a spec.
+    """Return the player of a name in a file of results, or of a spec's text.
 
     Raises:
-        ConfigError: If there is none.
+        ConfigError: If there is no such player.
     """
     return PLAYERS[name] if name in PLAYERS else PlayerSpec.parse(name)
 
@@ -109,7 +109,7 @@ def player_digest(player: str) -> str | None:
     """Return the SHA-256 of the file of a player's network; ``None`` if it has none.
 
     Raises:
-        ConfigError: If the name is no player's and no folder.
+        ConfigError: If the name is neither a player nor a folder.
         RunError: If there is no run in the folder, or it has no model.
     """
     spec = player_of(player)
@@ -126,10 +126,10 @@ def player_digest(player: str) -> str | None:
 
 
 def measure(what: Measurement) -> Result:
-    """Return how well a player plays a piece, one episode for each seed.
+    """Measure a player on a piece, with one episode per seed.
 
-    The seed draws noise on the actions, since playing is chaotic: one episode without noise is one
-    of many that the last bits of sums choose from, and says little of how well the piece is played.
+    Each seed draws noise on the actions, since playing is chaotic: without noise the last bits of
+    sums select one of many possible episodes, and its score says little about the player.
 
     Raises:
         ConfigError: If there is no such player.
@@ -162,7 +162,7 @@ def measure(what: Measurement) -> Result:
 
 
 def _play(source: str, what: Measurement, seed: int) -> tuple[Mapping[str, float], float]:
-    """Return the metrics of an episode, and the time of the processor that it took, s."""
+    """Play an episode; return its metrics and its CPU time, s."""
     disturbed = None
     if what.action_noise:
         disturbed = functools.partial(NoisyActions, std=what.action_noise)
@@ -170,14 +170,14 @@ def _play(source: str, what: Measurement, seed: int) -> tuple[Mapping[str, float
     options: Any = {"seed": seed, "physics": what.physics, "score": source, "disturbed": disturbed}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlanWarning)  # notes that cannot be played as written
-        with OpenPlayer.open(spec, **options) as player:  # which compiles the scene, once
+        with OpenPlayer.open(spec, **options) as player:  # compiles the scene, once
             start = time.process_time()
             (recording,) = player.play()
             return recording.metrics, time.process_time() - start
 
 
 def command(what: Measurement) -> str:
-    """Return the command that measures one result again."""
+    """Return the command that repeats a measurement."""
     parts = ["sb3-piano", "results", "measure", "--pieces", what.piece, "--players", what.player]
     parts += ["--seeds", *map(str, what.seeds)]
     if what.physics != "reference":
@@ -188,11 +188,11 @@ def command(what: Measurement) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the libraries on which the numbers depend."""
+    """Return the versions of Python and of the libraries that affect the numbers."""
     found = {name: metadata.version(name) for name in _LIBRARIES}
     return {"python": platform.python_version(), **found}
 
 
 def hardware() -> str:
-    """Return the processor in words: its names are shared by those that compute differently."""
+    """Return a description of the processor: a name alone may cover different processors."""
     return f"{processor_label()}, {os.cpu_count()} cores"

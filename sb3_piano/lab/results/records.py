@@ -1,8 +1,8 @@
-"""Files of results: their schema.
+"""Schema of files of results.
 
-A file holds one :class:`Result` for each piece, player and physics. Its
-``schema_version`` changes when a field does, its ``metrics_version`` when a metric is defined in
-another way: results of different metrics are never in one file.
+A file has one :class:`Result` per piece, player and physics. Its ``schema_version`` changes with
+the fields, its ``metrics_version`` with the definition of a metric: one file never mixes results of
+different metrics.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ Physics = Literal["reference", "faithful", "fast-contacts", "fast"]
 
 
 def physics_named(name: str) -> Physics:
-    """Return the name of a physics profile, if it is one."""
+    """Check the name of a physics profile and return it."""
     return checked("physics", name, Physics)
 
 
 class Result(BaseModel):
-    """How well a player played a piece, with everything that is needed to measure it again."""
+    """A player's scores on a piece, with everything needed to repeat the measurement."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -47,26 +47,26 @@ class Result(BaseModel):
     player: Name
     """One of :data:`~sb3_piano.lab.results.measuring.PLAYERS`, or the folder of a run."""
     player_sha256: Sha256 | None
-    """Digest of the file of its network; ``None`` if it has none."""
+    """Digest of the player's network file; ``None`` if it has none."""
     physics: Physics
     seeds: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
-    """One episode was played with each."""
+    """Seeds, one episode each."""
     action_noise: Annotated[float, Field(ge=0)]
-    """Standard deviation of the noise on its actions, rad."""
+    """Standard deviation of the noise on the actions, rad."""
     f1: tuple[Share, ...]
     """Frame F1 of each seed."""
     onset_f1: tuple[Share, ...]
     """Onset F1 of each seed."""
     noop_f1: Share
-    """Frame F1 of playing nothing."""
+    """Frame F1 of resting hands."""
     cpu_seconds: Annotated[float, Field(ge=0)]
-    """Time of the processor to plan and play the first episode, s: later ones know the plan."""
+    """CPU time to plan and play the first episode, s; later ones reuse the plan."""
     package_version: Name
     versions: Mapping[str, str]
-    """Versions of Python and of the libraries on which the numbers depend."""
+    """Versions of Python and of the libraries that affect the numbers."""
     hardware: Name
     command: Name
-    """Command that measures it again, where the package is."""
+    """Command that repeats the measurement."""
     date: datetime.date
 
     @model_validator(mode="after")
@@ -82,12 +82,12 @@ class Result(BaseModel):
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What there is one result of."""
+        """Unique key of a result: piece, player, physics."""
         return self.piece, self.player, self.physics
 
 
 class Results(BaseModel):
-    """The file."""
+    """Content of a file of results."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -114,13 +114,13 @@ class Results(BaseModel):
         return self
 
     def merged(self, measured: Iterable[Result]) -> Results:
-        """Return these results and new ones, which replace older ones of the same key."""
+        """Return these results with new ones; new ones replace those with the same key."""
         by_key = {result.key: result for result in (*self.results, *measured)}
         return Results(results=tuple(by_key[key] for key in sorted(by_key)))
 
     @classmethod
     def read(cls, file: Path) -> Results:
-        """Return what is in a file.
+        """Read a file.
 
         Raises:
             ConfigError: If it cannot be read, or does not fit the schema.
@@ -140,10 +140,10 @@ class Results(BaseModel):
 
     @classmethod
     def add_to(cls, file: Path, measured: Iterable[Result]) -> None:
-        """Merge results into a file, into which other processes may merge theirs meanwhile.
+        """Merge results into a file, safely among processes.
 
         Raises:
-            ConfigError: If it is there and cannot be read, or does not fit the schema.
+            ConfigError: If it exists and cannot be read, or does not fit the schema.
             RunError: If it cannot be locked.
         """
         with hold(file.with_name(file.name + LOCK_SUFFIX)):
@@ -151,7 +151,7 @@ class Results(BaseModel):
             known.merged(measured).write(file)
 
     def write(self, file: Path) -> None:
-        """Write a file that :meth:`read` reads, a result in each line."""
+        """Write the file for :meth:`read`, one result per line."""
         head = f'{{"schema_version": {self.schema_version}, '
         head += f'"metrics_version": {self.metrics_version}, "results": [\n'
         rows = (json.dumps(r.model_dump(mode="json"), ensure_ascii=False) for r in self.results)

@@ -13,8 +13,8 @@ from sb3_piano.lab.results.records import Result
 def score_table(results: Sequence[Result]) -> str:
     """Return F1 and onset F1 by piece and player, and their means, as Markdown.
 
-    Behind each is the standard error that the roll-outs leave, which other pieces are no part of. A
-    player who has not played every piece has no mean, which would compare different things.
+    Each has its standard error over rollouts; the variation between pieces is not included. Players
+    without results on every piece have no mean, as it would not be comparable.
     """
     players = list(dict.fromkeys(result.player for result in results))
     pieces = list(dict.fromkeys(result.piece for result in results))
@@ -37,13 +37,13 @@ def score_table(results: Sequence[Result]) -> str:
 
 
 def scores(results: Sequence[Result]) -> str:
-    """Return mean F1 and mean onset F1 as a cell."""
+    """Format mean F1 and mean onset F1 for a cell."""
     of_each = ([Estimate.of(getattr(r, name)) for r in results] for name in ("f1", "onset_f1"))
     return " / ".join(str(Estimate.average(estimates)) for estimates in of_each)
 
 
 def origin_table(results: Sequence[Result]) -> str:
-    """Return where each result comes from, as Markdown."""
+    """Return the origin of each result, as Markdown."""
     head = (
         "| piece | player | seeds | CPU, s | score, sha256 | version | date | hardware | command |"
     )
@@ -61,7 +61,7 @@ def origin_table(results: Sequence[Result]) -> str:
 def aggregate_table(results: Sequence[Result]) -> str:
     """Return interquartile means with 95 % intervals of each player, as Markdown.
 
-    Players are compared over the pieces that all of them have played; one without a row is named.
+    Players are compared on the pieces played by all of them; those without a row are named.
     """
     players = list(dict.fromkeys(result.player for result in results))
     played = [{r.piece for r in results if r.player == player} for player in players]

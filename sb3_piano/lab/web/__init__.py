@@ -1,4 +1,4 @@
-"""What the page in the browser needs of this package, as files."""
+"""Export the web page's files from this package."""
 
 from sb3_piano.lab.web.export import CATALOGUE, DEFAULT_PIECES, export_web, score_table
 

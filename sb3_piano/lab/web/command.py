@@ -1,4 +1,4 @@
-"""``sb3-piano export``: a run for others to play, or the files of the page in the browser."""
+"""``sb3-piano export``: export a run, or the files of the web page."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from sb3_piano.cli.export import RUN_OPTIONS, add_run_arguments, export_run_fold
 _WEB = "web"
 _WEB_OPTIONS = ("pieces", "tree")
 _PIECES_HELP = (
-    "names, files, patterns, collections or lists of pieces; default: the repertoire, a scale and "
-    "an exercise"
+    "pieces to play: names, files, patterns, collections or lists; default: the repertoire, a "
+    "scale and an exercise"
 )
 _TREE_HELP = (
-    "let the sight-reader look ahead where it is recorded, N simulations of up to D control steps, "
-    "such as 64x8; takes some minutes a piece"
+    "tree search for the recorded sight-reader: N simulations of up to D control steps, such as "
+    "64x8; takes some minutes per piece"
 )
 
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of ``export``."""
     add = command(parser, _export, epilog=TRUST)
-    add("what", "RUN|web", "a run's folder; or web: scene, hands, network and pieces, played")
-    add("folder", "FOLDER", "where to, of a run new or empty, of web such as web/assets")
+    add("what", "RUN|web", "a run's folder; or web: scene, hands, network and performances")
+    add("folder", "FOLDER", "output folder: for a run new or empty; for web such as web/assets")
     add_run_arguments(add)
     add("--pieces", "PIECE", f"of web: {_PIECES_HELP}", nargs="+")
     add("--tree", text=f"of web: {_TREE_HELP}")

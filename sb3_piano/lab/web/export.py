@@ -1,4 +1,4 @@
-"""Everything that the page in the browser needs of this package, in a folder."""
+"""Write all files that the web page needs from this package."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ from sb3_piano.training.playing.player import PLANNED_IN
 from sb3_piano.viewing.stage_files import stage_files
 
 DEFAULT_PIECES = ("repertoire", "scale-CMajor", "hanon-01")
-"""Entries of :func:`~sb3_piano.music.selection.select_pieces` that are exported by default."""
+"""Entries of :func:`~sb3_piano.music.selection.select_pieces` exported by default."""
 
 CATALOGUE = "catalogue.json"
-"""Name of the file that lists the pieces, and is written last."""
+"""Name of the file that lists the pieces; it is written last."""
 
 _PIECES = "pieces"
 
 Progress = Callable[[str, int, int], object]
-"""Called with the piece under way, and how many of how many performances are over."""
+"""Called with the current piece, the number of finished performances and their total."""
 
 
 def export_web(
@@ -55,22 +55,22 @@ def export_web(
     tree: TreeSettings | None = None,
     progress: Progress = lambda piece, done, total: None,
 ) -> Path:
-    """Write what the page needs: scene, stage, network and pieces, each played in Python.
+    """Write the web page's files: scene, stage, network and pieces with performances.
 
-    Files that are there are replaced. ``catalogue.json`` comes last and names those of the pieces,
-    so that an export that was interrupted has none.
+    Existing files are replaced. ``catalogue.json`` lists the pieces' files and is written last, so
+    an interrupted export has none.
 
     Args:
-        folder: Where to; made if it is not there.
+        folder: Output folder; created if missing.
         pieces: Entries of :func:`~sb3_piano.music.selection.select_pieces`.
-        tree: Let the sight-reader look ahead in the performances that are recorded.
-        progress: Is told of each performance before it begins, and at the end.
+        tree: Settings of a tree search for the sight-reader's recorded performances.
+        progress: Called before each performance, and at the end.
 
     Returns:
         The path of ``catalogue.json``.
 
     Raises:
-        ConfigError: If the folder cannot be written, or nothing fits an entry.
+        ConfigError: If the folder cannot be written, or no piece matches an entry.
         ScoreError: If a piece cannot be read or played.
         UnknownPieceError: If there is no such piece.
     """
@@ -96,7 +96,7 @@ def export_web(
 
 @contextlib.contextmanager
 def _naming(piece: str) -> Iterator[None]:
-    """Let warnings of what cannot be played say of which piece they are."""
+    """Prefix the block's plan warnings with the name of the piece."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PlanWarning)
         yield
@@ -106,7 +106,7 @@ def _naming(piece: str) -> Iterator[None]:
 
 
 def score_table(score: Score) -> dict[str, Any]:
-    """Return a score as the page has it: ``Score`` of ``web/src/types.ts``, times in s."""
+    """Return a score in the page's format, ``Score`` of ``web/src/types.ts``; times in s."""
     return {
         "title": score.title,
         "notes": [
@@ -135,7 +135,7 @@ def _scene() -> PianoScene:
 
 
 def _named(sources: Sequence[ScoreSource]) -> dict[str, ScoreSource]:
-    """Return the pieces by the names that files and links have for them."""
+    """Return the pieces by their names in files and links."""
     named: dict[str, ScoreSource] = {}
     for source in sources:
         name = _name(source)
@@ -215,5 +215,5 @@ def _write_piece(
 
 
 def _write_table(path: Path, table: dict[str, Any]) -> None:
-    """Write JSON without room for people, which the page would have to load."""
+    """Write compact JSON, for a short download."""
     write_text(path, json.dumps(table, separators=(",", ":")))

@@ -1,4 +1,4 @@
-"""Performances and plans of a piece, as arrays that the page plays from."""
+"""Performances and plans of a piece as arrays for the web page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.players.planned import Trackers, action_of
 from sb3_piano.training.playing.player import PLANNED_IN
 
-# Gains make up most of a plan; rounded to 1/254 of the largest they take a quarter of the room.
+# Gains make up most of a plan; rounded to 1/254 of the largest they take a quarter of the space.
 _GAIN_STEPS = 127
 
 # A difference of one bit may grow to a centimetre within two seconds of a piece with many contacts.
@@ -29,12 +29,12 @@ _STATE_EVERY = 10
 
 @dataclass(frozen=True, kw_only=True)
 class WebPerformance:
-    """What one player made of a piece."""
+    """A player's performance of a piece."""
 
     score: Score
     """The piece, with the fingers that play it."""
     actions: npt.NDArray[np.float32]
-    """(T, nu) what was done in each of T control steps, in [-1, 1], but for the pedal."""
+    """(T, nu) actions of T control steps, in [-1, 1], without the pedal."""
     states: npt.NDArray[np.float32]
     """(T / 10, nq + nv) joint positions and velocities before each tenth step, the first included;
     rad and rad/s, m and m/s."""
@@ -43,11 +43,11 @@ class WebPerformance:
 
 
 def sight_read(score: Score, tree: TreeSettings | None = None) -> WebPerformance:
-    """Let the sight-reader play a piece where the page lets it play.
+    """Play a piece with the sight-reader in the page's environment.
 
     Args:
         score: The piece.
-        tree: Let it look ahead.
+        tree: Settings of a tree search.
 
     Raises:
         ScoreError: If the score cannot be played.
@@ -58,9 +58,9 @@ def sight_read(score: Score, tree: TreeSettings | None = None) -> WebPerformance
 
 
 def follow_plan(score: Score) -> tuple[WebPerformance, Plan]:
-    """Let planned hands play a piece; return that and the plan, rounded as in its file.
+    """Play a piece by its plan; return the performance and the plan, rounded as in its file.
 
-    It is followed as the page does, by its feedback alone.
+    The plan is followed as on the page, by its feedback alone.
 
     Raises:
         ScoreError: If the score cannot be played.
@@ -74,31 +74,31 @@ def follow_plan(score: Score) -> tuple[WebPerformance, Plan]:
 
 @dataclass(frozen=True)
 class _Follower:
-    """Follows a plan by its feedback alone."""
+    """Player that follows a plan by its feedback alone."""
 
     piano: PianoEnv
     tracker: Tracker
 
     def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Any, Any]:
-        """Return what leads along the plan."""
-        del observation, arguments, named  # it has the same positions, with fewer digits
+        """Return the action that follows the plan."""
+        del observation, arguments, named  # it has the same positions with less precision
         step = self.piano.steps_played
         controls = self.tracker.controls(step, self.piano.data.actuator_length)
         return action_of(self.piano, controls, self.tracker, step), None
 
 
 def rounded(plan: Plan) -> Plan:
-    """Return a plan with the numbers that :func:`plan_file` writes of it."""
+    """Return a plan with its numbers rounded as by :func:`plan_file`."""
     return replace(plan, hands=tuple(_rounded_hand(hand) for hand in plan.hands))
 
 
 def plan_file(plan: Plan) -> bytes:
     """Return a rounded plan of T steps as a safetensors file.
 
-    It has ``commands``, (T, nu) float32, and ``positions``, (T, nu) float32, where the actuators
-    should be before each step; ``gains``, (T, h, n, n) int8, by how much the commands of each of
-    the h hands change with its actuators that are elsewhere, in units of ``gain_unit``, (h, n)
-    float32, one for each column; and in the metadata ``feedback``, the share of them that is used.
+    It has ``commands``, (T, nu) float32; ``positions``, (T, nu) float32, the actuators' targets
+    before each step; ``gains``, (T, h, n, n) int8, the change of each of the h hands' commands per
+    deviation of its actuators, in units of ``gain_unit``, (h, n) float32, one per column; and in
+    the metadata ``feedback``, the factor of the gains.
     """
     units = [_gain_unit(hand) for hand in plan.hands]
     gains = [np.rint(h.gains / u).astype(np.int8) for h, u in zip(plan.hands, units, strict=True)]

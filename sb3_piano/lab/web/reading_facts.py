@@ -1,4 +1,4 @@
-"""Numbers of a scene from which the page reads a piece, and what each hand sees of itself."""
+"""Constants of a scene for the web page's sight-reader and its observations."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sb3_piano.simulation.scene import SIDES
 
 
 def reading_facts(scene: PianoScene) -> dict[str, Any]:
-    """Return what ``reading.json`` holds: plain numbers and lists, in m and rad.
+    """Return the content of ``reading.json``: plain numbers and lists, in m and rad.
 
     The names are those of ``ReadingFacts`` in ``web/src/reading/facts.ts``.
 
     Raises:
-        ConfigError: If the scene has not both hands.
+        ConfigError: If the scene does not have both hands.
     """
     if scene.sides != SIDES:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""The simulated scene for MuJoCo elsewhere: its XML, and what is to be known to read its state."""
+"""The simulated scene for MuJoCo elsewhere: its XML, and indices of its state."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from sb3_piano.simulation.exact_xml import exact_xml
 
 
 def scene_xml(scene: PianoScene) -> str:
-    """Return a scene as MJCF; it compiles to the same model, to the last digits.
+    """Return a scene as MJCF that compiles to the identical model.
 
-    MuJoCo 3.14 can read it: textures are left out, and the ``input`` of servos, which is what it is
-    by default.
+    MuJoCo 3.14 can read it: textures are left out, and so is the ``input`` of servos, which has its
+    default value.
     """
     spec = attach_parts(scene_parts(**scene.options))
     for texture in list(spec.textures):
@@ -61,5 +61,5 @@ _COUNTS = ("nq", "nv", "nu", "nbody", "ngeom")
 
 
 def _nonzero(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> list[list[list[float]]]:
-    """Return column and value of what is not 0 in each row."""
+    """Return column and value of the non-zero entries of each row."""
     return [[[int(c), float(row[c])] for c in np.flatnonzero(row)] for row in matrix]

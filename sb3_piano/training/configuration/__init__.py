@@ -1,1 +1,1 @@
-"""Settings of runs, and the YAML files that they are read from."""
+"""Settings of runs, and their YAML files."""

@@ -61,7 +61,7 @@ def _arguments_of(function: Callable[..., Any], *reserved: str) -> BeforeValidat
 
 _Plugins = tuple[Plugin, ...]
 
-# What a run sets itself.
+# Arguments that a run sets itself.
 _OF_MONITOR = ("env", "filename", "override_existing", "reset_keywords")
 _OF_ALGORITHM = ("policy", "env", "seed", "tensorboard_log", "action_noise")
 
@@ -77,7 +77,7 @@ _RANGES: Mapping[str, Any] = {
 
 @settings
 class RunConfig:
-    """All settings of a training, checked: flat, as in YAML; :attr:`env` has the environment's.
+    """All settings of a training, validated, flat as in YAML; :attr:`env` groups the environment's.
 
     Raises:
         ConfigError: If a setting is unknown, has the wrong type or is out of range.
@@ -90,50 +90,49 @@ class RunConfig:
     env_module: str | None = None
     """Module to import before the environment is made."""
     seed: Index | None = None
-    """Seed of everything random, at least 0; ``None`` lets a training draw one and note it down."""
+    """Seed of everything random, at least 0; ``None``: a training draws and saves one."""
     env_kwargs: Arguments = field(default_factory=dict)
     """Keyword arguments of the environment."""
     env_wrapper: Wrappers = ()
-    """Wrappers put around each environment, the first one innermost."""
+    """Wrappers of each environment, the first one innermost."""
     algorithm_kwargs: Arguments = field(default_factory=dict)
     """Arguments of the constructor of the algorithm."""
     n_timesteps: Annotated[Whole, Ge(1), Le(10**15)]
-    """Environment steps to train for, over all environments together; at least 1. Where hands are
-    agents, each hand's step is one."""
+    """Total environment steps over all environments, at least 1. Where hands are agents, each
+    hand's step counts."""
     policy: str = "MlpPolicy"
-    """A policy of the algorithm by its short name, or the import path of one."""
+    """A policy's short name, or its import path."""
     pieces: Pieces = ()
-    """What ``RoboPianist-v0`` plays, in place of a ``score``: entries of
-    :func:`~sb3_piano.music.select_pieces`. They are dealt out to the environments in turn; one that
-    has several draws one for each episode."""
+    """Pieces of ``RoboPianist-v0``, in place of a ``score``: entries of
+    :func:`~sb3_piano.music.select_pieces`. They are distributed to the environments in turn; an
+    environment with several draws one per episode."""
     n_envs: Count = 1
-    """Environments that play at the same time; at least 1."""
+    """Number of parallel environments, at least 1."""
     vec_env: Literal["dummy", "threads", "processes", "subproc"] = "dummy"
-    """``dummy``: one plays after the other; ``threads``: in threads of this process;
-    ``processes``: in as many processes as there are cores; ``subproc``: each in a process of its
-    own."""
+    """``dummy``: environments run in sequence; ``threads``: in threads of this process;
+    ``processes``: in one process per core; ``subproc``: in one process per environment."""
     num_threads: Count | None = None
     """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_computing`
     chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
     matmul_precision: MatmulPrecision | None = None
-    """Precision of torch's matrix products: ``highest`` (torch's own), ``high`` or ``medium``,
-    which is faster on processors with AVX-512; see :func:`~sb3_piano.threads.torch_computing`."""
+    """Precision of torch's matrix products: ``highest`` (torch's default), ``high`` or ``medium``,
+    faster on processors with AVX-512; see :func:`~sb3_piano.threads.torch_computing`."""
     vec_env_wrapper: Annotated[_Plugins, plugins_below(VecEnvWrapper)] = ()
-    """Wrappers put around the vector of environments, the first one innermost."""
+    """Wrappers of the vector of environments, the first one innermost."""
     callback: Annotated[_Plugins, plugins_below(BaseCallback)] = ()
     """SB3 callbacks of the training."""
     normalize: Annotated[
         bool | Mapping[str, Any], _arguments_of(VecNormalize, "venv", "training")
     ] = False
-    """Whether to put ``VecNormalize`` around the environments; a mapping has its arguments."""
+    """Whether to use ``VecNormalize``; a mapping gives its arguments."""
     monitor_kwargs: Annotated[Mapping[str, Any], _arguments_of(Monitor, *_OF_MONITOR)] = field(
         default_factory=dict
     )
     """Keyword arguments of ``Monitor``, such as ``info_keywords``."""
     noise_type: Literal["normal", "ornstein-uhlenbeck"] | None = None
-    """Noise added to actions: ``normal``, ``ornstein-uhlenbeck`` or none."""
+    """Action noise: ``normal``, ``ornstein-uhlenbeck`` or none."""
     noise_std: NotNegative | None = None
-    """Standard deviation of that noise, of actions in [-1, 1]; at least 0."""
+    """Standard deviation of the action noise, for actions in [-1, 1]; at least 0."""
 
     def __post_init__(self) -> None:
         algorithm = self.algorithm
@@ -173,7 +172,7 @@ class RunConfig:
             arguments["policy_kwargs"] = fitting
 
     def _check_episodes(self) -> None:
-        """Refuse what SB3 would refuse when the training begins."""
+        """Raise an error for a ``train_freq`` that SB3 would reject at the start of training."""
         every = self.algorithm_kwargs.get("train_freq")
         pair = list(every) if isinstance(every, list | tuple) else []
         if pair[1:] == ["episode"] and self.n_agents > 1:
@@ -204,11 +203,11 @@ class RunConfig:
 
     @property
     def labels(self) -> dict[str, str]:
-        """Identity of the run, by which its files are recognised."""
+        """Identity of the run, saved in its files."""
         return {"algo": self.algo, "env_id": self.env_id}
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the config in YAML's types, which the class can be called with again."""
+        """Return the config in YAML's types, as arguments of the class."""
         mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         for name in ("env_wrapper", "vec_env_wrapper", "callback"):
             mapping[name] = [{each.path: dict(each.kwargs)} for each in mapping[name]]
@@ -228,9 +227,9 @@ class RunConfig:
 
     @property
     def n_agents(self) -> int:
-        """How many environment steps a call of the environments together is.
+        """Number of environment steps per call of the vector of environments.
 
-        As many as there are environments, or hands in them if each is an agent.
+        It equals the number of environments, or of their hands if each is an agent.
         """
         hands = 1
         if any(plugin.is_a(HandsAsAgents) for plugin in self.vec_env_wrapper):

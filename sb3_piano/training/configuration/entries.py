@@ -1,4 +1,4 @@
-"""Entries of RL Zoo's YAML files: a setting by its path, and an entry as a file."""
+"""Entries of RL Zoo's YAML files: read and change settings by path, write an entry."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from sb3_piano.training.configuration.yaml_files import entry_config
 
 _WRAPPERS = "env_wrapper"
 _EVALUATED = ("policy_kwargs", "replay_buffer_class", "replay_buffer_kwargs")
-"""Where RL Zoo evaluates text, which is the only way to write a class there."""
+"""Keys whose text RL Zoo evaluates; only there can it name a class."""
 _PLUGINS = ("env_wrapper", "vec_env_wrapper", "callback")
 _OPTIONS = ("vec_env", "num_threads", "matmul_precision")
-"""Settings that are options of our command."""
-# RL Zoo hands every key that it does not know to the algorithm, and these itself.
+"""Settings that are options of ``sb3-piano train``."""
+# RL Zoo sets these itself, and passes unknown keys to the algorithm.
 _NOT_IN_ZOO = ("seed", "device", "verbose", "pieces", *_OPTIONS)
 
 
@@ -38,21 +38,20 @@ def setting_at(entry: Mapping[str, Any], name: str, default: Any = None) -> Any:
     for key in keys:
         try:
             tree = coerce_mapping(tree, name)[key]
-        except (ConfigError, KeyError):  # nothing that could hold it, or nothing there
+        except (ConfigError, KeyError):  # no mapping, or no such key
             return default
     return tree
 
 
 def with_settings(entry: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of an entry with settings by their paths, on which what is missing is made.
+    """Return a copy of an entry with settings at their paths; missing mappings are made.
 
-    What holds others comes before them, as they may change parts of it. Where a path leads into
-    text that RL Zoo evaluates, a mapping takes its place. ``env_wrapper.<class>.<argument>`` leads
-    to the wrapper with that class name; one of ``sb3_piano.wrappers`` that is missing is put around
-    the others.
+    Shorter paths are set first, as longer ones may change parts of them. Text that RL Zoo evaluates
+    becomes a mapping if a path leads into it. ``env_wrapper.<class>.<argument>`` names the wrapper
+    of that class; a missing wrapper of ``sb3_piano.wrappers`` is added outermost.
 
     Raises:
-        ConfigError: If the entry has no place for one.
+        ConfigError: If a path leads into a value that is no mapping.
     """
     changed = copy.deepcopy(dict(entry))
     for name in sorted(settings, key=lambda name: name.count(".")):
@@ -74,7 +73,7 @@ def _with_value(tree: Any, keys: Sequence[str], value: Any, where: str) -> Any:
 
 
 def _with_argument(entry: Mapping[str, Any], keys: Sequence[str], value: Any) -> list[Any]:
-    """Return wrappers with an argument of the one whose class name comes first in a path."""
+    """Return the wrappers with one argument changed; the path begins with the class name."""
     (name, *rest), wrappers = keys, _by_class(entry)
     path, kwargs = wrappers.get(name, (f"{sb3_piano.wrappers.__name__}.{name}", {}))
     wrappers[name] = path, _with_value(kwargs, rest, value, name)
@@ -82,7 +81,7 @@ def _with_argument(entry: Mapping[str, Any], keys: Sequence[str], value: Any) ->
 
 
 def _by_class(entry: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
-    """Return import path and arguments of each wrapper by the name of its class."""
+    """Return import path and arguments of each wrapper by class name."""
     wrappers = parse_plugins(entry.get(_WRAPPERS), _WRAPPERS, gym.Wrapper)
     found = {w.path.rpartition(".")[2]: (w.path, dict(w.kwargs)) for w in wrappers}
     if len(found) < len(wrappers):
@@ -93,10 +92,10 @@ def _by_class(entry: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
 def zoo_entry(
     algo: str, env_id: str, entry: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return an entry as stock RL Zoo reads it, and the keys with values that it does not know.
+    """Convert an entry to stock RL Zoo's format; also return the keys unknown to RL Zoo.
 
     Numbers are written as numbers, ``env_kwargs`` as a mapping, and mappings with classes as text
-    that RL Zoo evaluates. The order of the keys stays.
+    that RL Zoo evaluates. The order of the keys is kept.
 
     Raises:
         ConfigError: If a setting is not valid.
@@ -104,18 +103,18 @@ def zoo_entry(
     mapping = entry_config(algo, env_id, entry).to_mapping()
     values = {**mapping, **mapping["algorithm_kwargs"]}
     written, left_out = {}, {}
-    for name in dict.fromkeys((*entry, "policy")):  # which has no default there
+    for name in dict.fromkeys((*entry, "policy")):  # RL Zoo has no default policy
         if name in _NOT_IN_ZOO:
-            left_out[name] = entry[name]  # as it is written: a collection may have many pieces
+            left_out[name] = entry[name]  # as written: a collection may have many pieces
         elif values[name] is not None or not name.startswith("noise_"):
             written[name] = _zoo_form(name, values[name])
     return written, left_out
 
 
 def train_commands(algo: str, env_id: str, file: Path, entry: Mapping[str, Any]) -> dict[str, str]:
-    """Return the commands that train with an entry in a file: ours, and that of stock RL Zoo.
+    """Return the commands that train with an entry: ours and that of stock RL Zoo.
 
-    There is none for RL Zoo if the entry has ``pieces``: it would play the environment's own.
+    RL Zoo has no ``pieces``; for an entry with them only our command is returned.
     """
     written, left_out = zoo_entry(algo, env_id, entry)
     module, name = registered_id(env_id)
@@ -139,24 +138,23 @@ def train_commands(algo: str, env_id: str, file: Path, entry: Mapping[str, Any])
 def write_entry(
     file: Path, algo: str, env_id: str, entry: Mapping[str, Any], comment: Iterable[str]
 ) -> None:
-    """Write a YAML file that ``train --config`` and stock RL Zoo (``--conf-file``) read alike.
+    """Write a YAML file for ``train --config`` and stock RL Zoo (``--conf-file``).
 
-    Above the entry stand lines of comment, and the keys that RL Zoo does not know, which are left
-    out.
+    Comment lines come first; they also list the keys left out because RL Zoo does not know them.
     """
     written, left_out = zoo_entry(algo, env_id, entry)
     lines = [*comment]
     if left_out:
         pairs = ", ".join(f"{name}: {value}" for name, value in left_out.items())
         lines.append(f"Left out, as RL Zoo has no such key: {pairs}.")
-    # Without a flow style, lists stand in one line.
+    # Without a flow style, each list is written on one line.
     style: dict[str, Any] = {"default_flow_style": None, "width": 100, "allow_unicode": True}
     text = dump_yaml({registered_id(env_id)[1]: written}, **style)
     write_text(file, "".join(f"# {' '.join(line.splitlines())}\n" for line in lines) + text)
 
 
 def _zoo_form(name: str, value: Any) -> Any:
-    """Return a setting as RL Zoo has it: wrappers by name, text where it evaluates text."""
+    """Return a setting in RL Zoo's form: wrappers by name, evaluated values as text."""
     if name in _PLUGINS:
         return [plugin if kwargs else path for plugin in value for path, kwargs in plugin.items()]
     if name == "monitor_kwargs" and value:  # Monitor wants tuples, which YAML does not have

@@ -1,4 +1,4 @@
-"""Environments as settings name them: an id, options, wrappers around it, pieces to play in it."""
+"""Specification of an environment: id, options, wrappers and pieces."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ if TYPE_CHECKING:
 Env = gym.Env[Any, Any]
 
 FILE_OPTIONS = ("score", "fingering")
-"""The options of an environment that may name a file."""
+"""Options of an environment that may name a file."""
 
 MODEL = "model"
-"""What stands for a file of the sight-reader's network, which plays or is corrected."""
+"""Key of the file of the sight-reader's network."""
 
 BASE = "base"
-"""What stands for the folder of a run whose model is corrected."""
+"""Key of the folder of the corrected run."""
 
 _RANDOM_PIECE = "sb3_piano.wrappers.RandomPiece"
 
 
 class CorrectsRun:
-    """Marks wrappers that correct the model of a run, whose folder is their argument ``run``."""
+    """Mixin for wrappers that correct the model of a run; their argument ``run`` is its folder."""
 
 
 def read_arguments(value: Any, info: ValidationInfo) -> Any:
-    """Return arguments in YAML's types, given as a mapping or as the Zoo's ``dict(...)``."""
+    """Return arguments in YAML's types from a mapping or RL Zoo's ``dict(...)`` text."""
     return plain(coerce_mapping(value, str(info.field_name)), str(info.field_name))
 
 
 def plugins_below(base: type) -> BeforeValidator:
-    """Return the annotation of plugins whose classes are below one."""
+    """Return the annotation of plugins whose classes are subclasses of ``base``."""
     return BeforeValidator(lambda value, info: parse_plugins(value, str(info.field_name), base))
 
 
@@ -78,7 +78,7 @@ Pieces = Annotated[tuple[str, ...], BeforeValidator(_read_pieces)]
 
 @settings
 class EnvSpec:
-    """An environment, as settings name it; :meth:`make` makes it.
+    """Specification of an environment; :meth:`make` makes the environment.
 
     Raises:
         ConfigError: If there is no such environment, or a setting does not fit.
@@ -91,9 +91,9 @@ class EnvSpec:
     options: Arguments = field(default_factory=dict)
     """Keyword arguments of the environment, ``env_kwargs`` in YAML."""
     wrappers: Wrappers = ()
-    """Wrappers put around it, the first one innermost; ``env_wrapper`` in YAML."""
+    """Wrappers, the first one innermost; ``env_wrapper`` in YAML."""
     pieces: Pieces = ()
-    """What ``RoboPianist-v0`` plays, in place of a ``score``."""
+    """Pieces of ``RoboPianist-v0``, in place of a ``score``."""
 
     def __post_init__(self) -> None:
         module, name = registered_id(self.id, self.module)
@@ -117,8 +117,8 @@ class EnvSpec:
             )
         if len(self.pieces) > 1 and self.options.get("observation") == "window":
             raise ConfigError(
-                f"{len(self.pieces)} pieces are given with observation 'window', which is as wide "
-                "as a piece: expected 'roll', or another that is the same for all."
+                f"{len(self.pieces)} pieces are given with observation 'window', whose size varies "
+                "by piece: expected 'roll', or another of fixed size."
             )
 
     def to_mapping(self) -> dict[str, Any]:
@@ -133,61 +133,61 @@ class EnvSpec:
 
     @property
     def full_id(self) -> str:
-        """Id of the environment, as ``module:Id`` if a module registers it."""
+        """Id of the environment, as ``module:Id`` if it has a module."""
         return self.id if self.module is None else f"{self.module}:{self.id}"
 
     @property
     def all_options(self) -> dict[str, Any]:
-        """The options, with those of the environment's registration where none is given."""
+        """The options, with the registered ones as defaults."""
         return {**gym.spec(self.id).kwargs, **self.options}
 
     @property
     def own_pieces(self) -> Sequence[Any]:
-        """What is played, as far as it has names: pieces, or the one of the environment's id."""
+        """Names of the pieces, or of the environment's own piece."""
         return self.pieces or [self.all_options.get("score")]
 
     @property
     def piece_options(self) -> set[str]:
-        """Names of the options that belong to the pieces, generated studies."""
+        """Names of the options of the pieces (generated studies)."""
         return set(self.options) & set().union(*map(_options_of, self.own_pieces))
 
     @property
     def network(self) -> str | None:
-        """The file of the sight-reader's network that is corrected, if any is named."""
+        """File of the corrected sight-reader's network, or ``None``."""
         return next((p.kwargs.get("model") for p in self.wrappers if p.is_a(PlayerResidual)), None)
 
     @property
     def base(self) -> str | None:
-        """The folder of the run whose model is corrected, if one is."""
+        """Folder of the corrected run, or ``None``."""
         return next((p.kwargs.get("run") for p in self.wrappers if p.is_a(CorrectsRun)), None)
 
     @property
     def files(self) -> dict[str, str]:
-        """What may name files: options, a network, the folder of a run."""
+        """Settings that may name files: options, a network, the folder of a run."""
         named = {name: self.options.get(name) for name in FILE_OPTIONS}
         named |= {MODEL: self.network, BASE: self.base}
         return {name: text for name, text in named.items() if isinstance(text, str)}
 
     def with_files(self, files: Mapping[str, str]) -> Self:
-        """Return the environment with other files in place of some of :attr:`files`."""
+        """Return the environment with some of :attr:`files` replaced."""
         changed = self.with_options(**{n: f for n, f in files.items() if n in FILE_OPTIONS})
         changed = changed.with_base(files[BASE]) if BASE in files else changed
         return changed.correcting(model=files[MODEL]) if MODEL in files else changed
 
     def with_options(self, **options: Any) -> Self:
-        """Return the environment with other options."""
+        """Return the environment with changed options."""
         return dataclasses.replace(self, options={**self.options, **options})
 
     def with_base(self, folder: str) -> Self:
-        """Return the environment with another folder of the run that is corrected."""
+        """Return the environment with another folder of the corrected run."""
         wrappers = with_arguments(self.wrappers, CorrectsRun, run=folder)
         return dataclasses.replace(self, wrappers=wrappers)
 
     def correcting(self, **arguments: Any) -> Self:
-        """Return the environment with other arguments of the wrapper that corrects a player.
+        """Return the environment with changed arguments of its ``PlayerResidual`` wrapper.
 
         Raises:
-            ConfigError: If there is none.
+            ConfigError: If it has no such wrapper.
         """
         if not any(plugin.is_a(PlayerResidual) for plugin in self.wrappers):
             raise ConfigError(
@@ -198,7 +198,7 @@ class EnvSpec:
         return dataclasses.replace(self, wrappers=wrappers)
 
     def for_others(self) -> Self:
-        """Return the environment for other pieces: without score, its labels, or choosing one."""
+        """Return the environment without its own score, finger labels and piece choosers."""
         own = {"score"} | self.piece_options
         if self.options.get("fingering", FINGERINGS[0]) not in FINGERINGS:
             own.add("fingering")
@@ -214,11 +214,11 @@ class EnvSpec:
         )
 
     def of_env(self, rank: int, n_envs: int = 1) -> Self:
-        """Return one of so many environments, with the pieces that it gets as score and wrapper."""
+        """Return environment ``rank`` of ``n_envs``, with its share of the pieces."""
         if not self.pieces:
             return self
         own = self.pieces[rank::n_envs] or (self.pieces[rank % len(self.pieces)],)
-        # Options of studies are told to the first piece that has them, and so hold for all.
+        # The first piece that has a study's options gets them; they apply to all pieces.
         options = self.piece_options
         first = next((piece for piece in own if options <= _options_of(piece)), own[0])
         ours = {
@@ -233,9 +233,9 @@ class EnvSpec:
         )
 
     def make(self, *innermost: EnvWrapper | None) -> Env:
-        """Make the environment; of several ``pieces`` it draws one for each episode.
+        """Make the environment; with several ``pieces`` it draws one per episode.
 
-        ``innermost`` are put around the bare environment, before the wrappers.
+        ``innermost`` wrappers are applied to the bare environment, before the other wrappers.
 
         Raises:
             ConfigError: If it cannot be made with its options.
@@ -257,7 +257,7 @@ class EnvSpec:
 
 
 def _options_of(piece: Any) -> set[str]:
-    """Return names of the options of a piece, but for ``hands``, which the environment has, too."""
+    """Return the option names of a piece, without ``hands``, also an environment option."""
     if not isinstance(piece, str) or is_path(piece):
         return set()
     return set(find_piece(piece).options) - {"hands"}

@@ -1,4 +1,4 @@
-"""Algorithms and environments that configurations name by text."""
+"""Look up algorithms and environments by name."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _ALGORITHMS = {
 }
 
 ALGORITHMS = tuple(_ALGORITHMS)
-"""Names of the algorithms that are trained, as on the command line."""
+"""Names of the trainable algorithms, as on the command line."""
 
 PLANNERS = tuple(PLAYERS)
-"""Names of what plays without training."""
+"""Names of the players that need no training."""
 
 
 def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, str]:
-    """Return the module to import for an environment, if any, and its id.
+    """Return the module of an environment, if any, and its id.
 
-    The module, named in ``module:Id`` or by itself, is imported, and no other if that can be told.
+    The module, named in ``module:Id`` or separately, is imported.
     """
     named, _, name = env_id.rpartition(":")
     module = named or module
@@ -46,13 +46,13 @@ def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, s
         before, is_new = gym.registry.get(name), module not in sys.modules
         try:
             importlib.import_module(module)
-        except Exception as error:  # a module may fail in any way while it is imported
+        except Exception as error:  # importing a module may fail in any way
             raise ConfigError(
                 f"Module {module!r} of environment {name!r} cannot be imported: {error}."
             ) from error
         if is_new and before is not None and gym.registry.get(name) is before:
             raise ConfigError(
-                f"Module {module!r} does not register environment {name!r}, which is there without "
+                f"Module {module!r} does not register environment {name!r}, which exists without "
                 "it: expected no module, or the one that registers it."
             )
     if name not in gym.registry:
@@ -70,8 +70,8 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     """Return the stock class of an algorithm."""
     if name in PLANNERS:
         raise ConfigError(
-            f"Algorithm {name!r} is not trained, it plays at once: expected 'sb3-piano plan', "
-            f"which makes a run of it, or one of {', '.join(ALGORITHMS)}."
+            f"Algorithm {name!r} is not trained, it plays at once: expected 'sb3-piano play PIECE "
+            f"--player {name}', or one of {', '.join(ALGORITHMS)}."
         )
     refuse_unknown([name], ALGORITHMS, "algorithm")
     found: type[BaseAlgorithm] = import_name(_ALGORITHMS[name])

@@ -1,4 +1,4 @@
-"""YAML as settings are written in it: mappings, lists, text and numbers, within bounds."""
+"""Read YAML settings: mappings, lists, text and numbers of bounded size."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_BYTES, _DEEPEST, _MOST_VALUES = 2**21, 50, 10**5
 
 
 def read_yaml_mapping(path: Path) -> dict[str, Any]:
-    """Return the mapping that a YAML file holds."""
+    """Read a YAML file whose top level is a mapping."""
     try:
         content = parse_yaml(read_file(path, _MOST_BYTES).decode())
     except (OSError, UnicodeDecodeError) as error:
@@ -32,7 +32,7 @@ def read_yaml_mapping(path: Path) -> dict[str, Any]:
 
 
 def parse_yaml(text: str) -> Any:
-    """Return what YAML stands for."""
+    """Parse YAML text."""
     try:
         _check_depth(text)
         content = load_yaml(text)
@@ -43,7 +43,7 @@ def parse_yaml(text: str) -> Any:
 
 
 def _check_depth(text: str) -> None:
-    """Refuse what is nested so deep that libyaml would end the process."""
+    """Raise ValueError for nesting so deep that libyaml would crash the process."""
     depth = 0
     for event in yaml.parse(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
         started = isinstance(event, yaml.CollectionStartEvent)
@@ -53,7 +53,7 @@ def _check_depth(text: str) -> None:
 
 
 def _check_plain(content: Any) -> None:
-    """Refuse what cannot be settings: keys that are no text, nesting or repetition without end."""
+    """Raise ConfigError for keys that are no text, and for endless nesting or repetition."""
     level, count = [content], 0
     for _ in range(_DEEPEST):
         maps = [item for item in level if isinstance(item, dict)]

@@ -1,4 +1,4 @@
-"""Wrappers and callbacks of a run: classes by their import paths, with their arguments."""
+"""Plugins of a run: wrappers and callbacks by import path, with their arguments."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a l
 
 @dataclass(frozen=True, kw_only=True)
 class Plugin:
-    """A class by its import path, with the arguments to call it with."""
+    """A class by import path, with constructor arguments."""
 
     path: str
     kwargs: Mapping[str, Any] = field(default_factory=dict)
@@ -27,14 +27,14 @@ class Plugin:
         object.__setattr__(self, "kwargs", plain(self.kwargs, self.path))
 
     def is_a(self, kind: type) -> bool:
-        """Return whether its class is one, or below it."""
+        """Return whether its class is ``kind`` or a subclass."""
         return issubclass(import_name(self.path), kind)
 
     def __call__(self, *args: Any) -> Any:
-        """Make one of the class.
+        """Make an instance.
 
         Raises:
-            ConfigError: If it does not take these arguments.
+            ConfigError: If the class does not accept these arguments.
         """
         function = import_name(self.path)
         try:
@@ -47,9 +47,9 @@ class Plugin:
 
 
 def parse_plugins(value: Any, key: str, base: type) -> tuple[Plugin, ...]:
-    """Return the plugins of a key, written as RL Zoo writes them, whose classes are below a base.
+    """Parse plugins in RL Zoo's format; their classes must be subclasses of ``base``.
 
-    That is ``None``, an import path, a mapping from one path to its arguments, or a list of these.
+    ``value`` is ``None``, an import path, a mapping from one path to its arguments, or a list.
     """
     entries = value if isinstance(value, (list, tuple)) else [] if value is None else [value]
     plugins = tuple(_plugin(entry, key) for entry in entries)
@@ -59,7 +59,7 @@ def parse_plugins(value: Any, key: str, base: type) -> tuple[Plugin, ...]:
 
 
 def with_arguments(plugins: Iterable[Plugin], kind: type, **arguments: Any) -> tuple[Plugin, ...]:
-    """Return plugins, those of a class with other arguments."""
+    """Return plugins; plugins of class ``kind`` get changed arguments."""
     return tuple(
         dataclasses.replace(p, kwargs={**p.kwargs, **arguments}) if p.is_a(kind) else p
         for p in plugins

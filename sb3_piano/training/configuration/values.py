@@ -1,4 +1,4 @@
-"""Values of YAML files and the command line, made to fit the parameters that they are for."""
+"""Convert values of YAML files and the command line to the types of their parameters."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _EXAMPLE = "dict(net_arch=[256, 256], activation_fn=nn.ReLU)"
 
 
 def model_parts() -> tuple[type, ...]:
-    """Return the base classes of what an algorithm's arguments may name.
+    """Return the base classes of all classes that an algorithm's arguments may name.
 
-    They are those of networks, features extractors and policies, of optimizers and of buffers.
+    They cover networks, features extractors and policies; optimizers; and buffers.
     """
-    import torch  # here, as players do without
+    import torch  # here, as players need no torch
     from stable_baselines3.common.buffers import BaseBuffer
 
     return torch.nn.Module, torch.optim.Optimizer, BaseBuffer
@@ -54,10 +54,10 @@ def plain(value: Any, key: str) -> Any:
 
 
 def parse_zoo_text(text: str) -> Any:
-    """Return the plain value of a Python snippet as RL Zoo has them, read without ``eval``.
+    """Parse a Python snippet of RL Zoo's files without ``eval``.
 
-    Understood are literals, ``dict(name=value)`` and names of importable things; a name is checked
-    and returned as text, its import path.
+    The snippet has literals, ``dict(name=value)`` and importable names; a name is checked and
+    returned as its import path.
 
     >>> parse_zoo_text("dict(net_arch=[64, 64], n_critics=2)")
     {'net_arch': [64, 64], 'n_critics': 2}
@@ -75,7 +75,7 @@ def parse_zoo_text(text: str) -> Any:
 
 
 class _Zoo(ast.NodeTransformer):
-    """Make literals of the calls and names in a snippet."""
+    """Convert the calls and names of a snippet to literals."""
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         names = [keyword.arg for keyword in node.keywords]
@@ -94,7 +94,7 @@ class _Zoo(ast.NodeTransformer):
 
 
 def coerce_mapping(value: Any, key: str) -> dict[str, Any]:
-    """Return a mapping with text keys, given as such or as the Zoo's ``dict(...)``."""
+    """Return a mapping with text keys from a mapping or RL Zoo's ``dict(...)`` text."""
     parsed = parse_zoo_text(value) if isinstance(value, str) else value
     if not isinstance(parsed, Mapping) or not all(isinstance(name, str) for name in parsed):
         raise ConfigError(f"{key} is {value!r}: expected a mapping from names to values.")
@@ -105,7 +105,7 @@ def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Paramete
     """Return the parameters of a function or class, with annotations as types where possible."""
     try:
         return inspect.signature(function, eval_str=True).parameters
-    except (NameError, TypeError):  # types that its module only imports for type checkers
+    except (NameError, TypeError):  # types imported for type checkers only
         return inspect.signature(function).parameters
 
 
@@ -116,10 +116,9 @@ def check_arguments(
     reserved: Iterable[str] = (),
     also_known: Iterable[str] = (),
 ) -> dict[str, Any]:
-    """Return keyword arguments with each value converted to what its parameter expects.
+    """Check keyword arguments and convert each value to the type of its parameter.
 
-    Parameters that are ``reserved`` may not be given; names that are ``also_known`` are suggested
-    when one is unknown.
+    ``reserved`` parameters are rejected; ``also_known`` names are suggested for an unknown one.
     """
     parameters = parameters_of(function)
     takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
@@ -136,20 +135,20 @@ def check_arguments(
 
 
 def coerce(value: Any, annotation: Any, key: str) -> Any:
-    """Return a value as its parameter's annotation wants it.
+    """Convert a value to the type of its parameter's annotation.
 
-    Numbers may be text (PyYAML reads ``1e-3`` and ``1.0e6`` so), whole floats become integers where
-    integers are wanted, lists become tuples; where a schedule may stand, ``lin_0.001`` may. Classes
-    stay import paths, written in full. Annotations that plain values cannot satisfy accept all.
+    Numbers may be text (PyYAML reads ``1e-3`` and ``1.0e6`` as text), whole floats become integers
+    for integer parameters, lists become tuples. A schedule may be ``lin_0.001``. Classes stay full
+    import paths. Annotations that plain values cannot satisfy accept every value.
     """
     return checked(key, value, _fitted(annotation))
 
 
 @functools.cache
 def _fitted(annotation: Any) -> Any:
-    """Return an annotation of settings for one of a library, which knows nothing of YAML.
+    """Return an annotation for YAML values from a library's annotation.
 
-    Of several kinds numbers come before text, so that ``1e-3`` becomes one where both may stand.
+    In unions numbers come before text, so that ``1e-3`` becomes a number.
     """
     options = {typing.get_origin(one) or one: one for one in _options(annotation)}
     kinds = tuple(_KINDS[kind](options[kind]) for kind in _KINDS if kind in options)
@@ -168,7 +167,7 @@ def linear_start(value: Any) -> float | None:
 
 
 def classes_made(value: Any, key: str) -> Any:
-    """Return a copy in which text that is an import path has become the class that it names."""
+    """Return a copy with import paths replaced by their classes."""
     if isinstance(value, dict):
         return {name: classes_made(item, f"{key}.{name}") for name, item in value.items()}
     if isinstance(value, list):
@@ -178,7 +177,7 @@ def classes_made(value: Any, key: str) -> Any:
     try:
         import_name(value)
     except ConfigError:
-        return value  # text with dots; what has to be a class was checked with the config
+        return value  # text with dots; classes were checked with the config
     return class_of(value, model_parts(), key)
 
 
@@ -195,7 +194,7 @@ def _linear(text: str) -> str:
 
 
 def _class(option: Any) -> Any:
-    """Return the annotation of a class by its import path."""
+    """Return the annotation of a class given by import path."""
     bases = tuple(base for base in typing.get_args(option) if isinstance(base, type))
 
     def full(name: str) -> str:
@@ -206,14 +205,14 @@ def _class(option: Any) -> Any:
 
 
 def _mapping(option: Any) -> Any:
-    """Return the annotation of a mapping, also as the Zoo's ``dict(...)``."""
+    """Return the annotation of a mapping, also given as RL Zoo's ``dict(...)`` text."""
     text = BeforeValidator(lambda v: parse_zoo_text(v) if isinstance(v, str) else v)
     _, items = typing.get_args(option) or (str, Any)
     return Annotated[dict[str, _fitted(items)], text]  # type: ignore[misc]
 
 
 def _sequence(option: Any) -> Any:
-    """Return the annotation of a list or tuple, given as either."""
+    """Return the annotation of a list or tuple; either may be given."""
     kind = typing.get_origin(option) or option
     items = tuple(one if one is ... else _fitted(one) for one in typing.get_args(option))
     either = BeforeValidator(lambda v: kind(v) if isinstance(v, (list, tuple)) else v)
@@ -233,11 +232,11 @@ _KINDS: Mapping[Any, Callable[[Any], Any]] = {
     tuple: _sequence,
     str: lambda option: str,
 }
-"""What makes the annotation of settings for each type that plain values can satisfy."""
+"""Function that makes the settings' annotation for each type that plain values can satisfy."""
 
 
 def class_of(name: str, bases: tuple[type, ...], key: str) -> Any:
-    """Return the class below one of some classes that an import path of a key names."""
+    """Import the class that a key names; it must be a subclass of one of ``bases``."""
     with naming(key):
         found = import_class(name, *bases)
     return found

@@ -1,4 +1,4 @@
-"""YAML files of hyperparameters, as RL Zoo has them."""
+"""Load YAML files of hyperparameters in RL Zoo's format."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import coerce_mapping
 
 _DEFAULT_ENTRY = "default"
-# Not hyperparameters: they say which entry of which file is read.
+# No hyperparameters: they select the file and the entry.
 _NOT_IN_ENTRY = ("algo", "env_id", "env_module", "algorithm_kwargs")
 
 
 def load_config(
     algo: str, env_id: str, path: str | os.PathLike[str] | None = None, **overrides: Any
 ) -> RunConfig:
-    """Return the hyperparameters of an algorithm for an environment.
+    """Load the hyperparameters of an algorithm for an environment.
 
-    The file has one entry per environment id; ``default`` stands for all others. The entry's keys
-    are those of RL Zoo: settings of the run (fields of :class:`RunConfig`), everything else being
-    arguments of the algorithm's constructor.
+    The file has one entry per environment id; ``default`` is for all others. The keys are RL Zoo's:
+    settings of the run (fields of :class:`RunConfig`), and all others are arguments of the
+    algorithm's constructor.
 
     Args:
         algo: Name of the algorithm.
         env_id: Id of the environment, or ``module:Id``.
         path: The YAML file, or the name of a set of presets, one of
-            :data:`~sb3_piano.hyperparams.NAMED`, such as "fast"; by default its preset, which is of
-            published settings.
-        **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
+            :data:`~sb3_piano.hyperparams.NAMED`, such as "fast"; by default the algorithm's preset
+            of published settings.
+        **overrides: Keys that replace the entry's. ``env_kwargs`` are added to the entry's.
 
     Raises:
         ConfigError: If the file cannot be read, has no entry for the environment, or a setting is
@@ -47,15 +47,15 @@ def load_config(
 
 
 def overlaid(path: str | os.PathLike[str], env_id: str, over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the hyperparameters of a file for an environment, with others laid over them.
+    """Load a file's hyperparameters for an environment, with others in place of its keys.
 
     Raises:
         ConfigError: If the file cannot be read, or has no entry for the environment.
     """
     if path in NAMED:
         raise ConfigError(
-            f"The preset {str(path)!r} is for a training from nothing, and a correction has one of "
-            "its own: expected a YAML file with what is to be different, or none."
+            f"The preset {str(path)!r} is for a training from nothing, and a correction has its "
+            "own preset: expected a YAML file with changes, or none."
         )
     entry_name, entry = _entry_of(Path(path), registered_id(env_id)[1])
     with naming(f"'{path}', entry {entry_name!r}"):
@@ -66,15 +66,15 @@ def overlaid(path: str | os.PathLike[str], env_id: str, over: Mapping[str, Any])
 def load_entry(
     algo: str, env_id: str, path: str | os.PathLike[str] | None = None, **overrides: Any
 ) -> dict[str, Any]:
-    """Return the entry that :func:`load_config` reads, as it is written, with the overrides in it.
+    """Load the raw entry that :func:`load_config` reads, with the overrides.
 
-    Arguments and errors are those of :func:`load_config`; :func:`entry_config` makes its result.
+    Arguments and errors are as for :func:`load_config`; :func:`entry_config` converts the entry.
     """
     return _loaded(algo, env_id, path, overrides)[0]
 
 
 def entry_config(algo: str, env_id: str, entry: Mapping[str, Any]) -> RunConfig:
-    """Return the settings that an entry stands for, if all of them are valid."""
+    """Validate an entry and return it as settings."""
     names = {f.name for f in dataclasses.fields(RunConfig)}.difference(_NOT_IN_ENTRY)
     fields, rest = parted(entry, names)
     if "n_timesteps" not in fields:  # the one setting without a default
@@ -101,7 +101,7 @@ def _loaded(
 
 
 def _own_file(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a file, unless it is a name and no file has it."""
+    """Return the path of a file; raise ConfigError for an unknown name."""
     file = Path(path)
     if not file.suffix and not os.path.exists(file):
         raise ConfigError(
@@ -112,7 +112,7 @@ def _own_file(path: str | os.PathLike[str]) -> Path:
 
 
 def _preset(algo: str, name: str | os.PathLike[str] | None) -> Path:
-    """Return the file that comes with this package."""
+    """Return the file of a preset."""
     known = PRESETS if name is None else NAMED[str(name)]
     if algo not in known:
         kind = "preset" if name is None else f"preset {name!r}"
@@ -124,7 +124,7 @@ def _preset(algo: str, name: str | os.PathLike[str] | None) -> Path:
 
 
 def _entry_of(file: Path, name: str) -> tuple[str, Any]:
-    """Return the name and the content of a file's entry for an environment."""
+    """Return the name and content of a file's entry for an environment."""
     entries = read_yaml_mapping(file)
     entry_name = name if name in entries else _DEFAULT_ENTRY
     if entry_name not in entries:
@@ -136,10 +136,10 @@ def _entry_of(file: Path, name: str) -> tuple[str, Any]:
 
 
 def merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an entry with overrides in place of its keys, ``env_kwargs`` option by option.
+    """Return an entry with overridden keys; ``env_kwargs`` are merged option by option.
 
     Raises:
-        ConfigError: If it is no mapping, or its ``env_kwargs`` are not.
+        ConfigError: If the entry or its ``env_kwargs`` are no mapping.
     """
     if not isinstance(entry, Mapping):
         raise ConfigError(f"It holds {entry!r}: expected a mapping of hyperparameters.")

@@ -1,4 +1,4 @@
-"""Comparison of two evaluations, paired piece by piece."""
+"""Paired comparison of two sets of evaluations."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.viewing.take import SUFFIX, Take
 
 MAIN_METRICS = ("f1", "onset_f1", "non_silent_f1", "return", "normalized_return")
-"""Metrics that are compared, and shown of several runs, unless others are named."""
+"""Metrics compared, and shown for several runs, by default."""
 
 PAIRINGS = ("piece", "seed", "training-seed")
 """Kinds of pairs: by piece, or by seed of the evaluation or of the training, for each piece."""
 
-# Two means of equal values may differ in their last digits; this is no difference.
+# Means of equal values may differ in their last digits; smaller differences count as 0.
 _EQUAL = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """Values of A and B at the same task, each a mean over all their episodes of it."""
+    """Values of A and B on one task, each a mean over all its episodes."""
 
     piece: str
     """Piece that was played."""
     seed: int | None
-    """The seed of evaluation or training that makes the pair, if one does."""
+    """Seed of the evaluation or training, if it defines the pair."""
     a: float
     """Value of A."""
     b: float
@@ -60,7 +60,7 @@ class Pair:
 
     @property
     def difference(self) -> float:
-        """Value of B less that of A."""
+        """Value of B minus value of A."""
         return 0.0 if math.isclose(self.a, self.b, rel_tol=_EQUAL) else self.b - self.a
 
     def to_json(self) -> dict[str, Any]:
@@ -79,7 +79,7 @@ class MetricComparison:
     difference: Summary
     """Mean of the differences B - A, with its interval."""
     test: SignedRankTest
-    """Whether the differences lean to one side."""
+    """Signed-rank test of the differences."""
 
     @property
     def mean_a(self) -> float:
@@ -93,12 +93,12 @@ class MetricComparison:
 
     @property
     def n_a_below_b(self) -> int:
-        """In how many pairs A is below B."""
+        """Number of pairs in which A is below B."""
         return sum(pair.difference > 0 for pair in self.pairs)
 
     @property
     def n_a_not_above_b(self) -> int:
-        """In how many pairs A is below B or equal to it."""
+        """Number of pairs in which A is below or equal to B."""
         return sum(pair.difference >= 0 for pair in self.pairs)
 
     def to_json(self) -> dict[str, Any]:
@@ -124,19 +124,19 @@ class Comparison:
     """Result of :func:`compare`."""
 
     a: str
-    """Source of A's values."""
+    """Path of A's evaluations."""
     b: str
-    """Source of B's values."""
+    """Path of B's evaluations."""
     by: str
     """Kind of the pairs, see :func:`compare`."""
     physics_a: tuple[str, ...]
-    """Names of the physics profiles on which A was played; one, if all is well."""
+    """Names of A's physics profiles; expected to be one."""
     physics_b: tuple[str, ...]
-    """Those on which B was played; expected to be the same."""
+    """Names of B's physics profiles; expected to be the same as A's."""
     only_in_a: tuple[str, ...]
-    """Pieces, or seeds of pieces, that only A has; they are left out."""
+    """Pieces, or pieces with seeds, that only A has; they are left out."""
     only_in_b: tuple[str, ...]
-    """Those that only B has."""
+    """Pieces, or pieces with seeds, that only B has."""
     metrics: tuple[MetricComparison, ...]
     """The comparison of each metric."""
 
@@ -145,12 +145,12 @@ class Comparison:
         return {**vars(self), "metrics": {found.metric: found.to_json() for found in self.metrics}}
 
     def write_csv(self, path: Path) -> None:
-        """Write a row for each metric and pair."""
+        """Write one row per metric and pair."""
         rows = [{"metric": m.metric, **pair.to_json()} for m in self.metrics for pair in m.pairs]
         write_csv(path, ("metric", "piece", "seed", "a", "b", "difference"), rows)
 
     def plot(self, path: str | os.PathLike[str]) -> None:
-        """Write :func:`difference_plot`, whole or not at all, in the format that the suffix tells.
+        """Write :func:`difference_plot` atomically, in the format of the suffix.
 
         Raises:
             ConfigError: If ``path`` does not end in .png, .svg or .pdf.
@@ -168,24 +168,23 @@ def compare(
     *,
     by: str = "piece",
 ) -> Comparison:
-    """Compare what two runs, or two sets of runs, reach at the same pieces.
+    """Compare the evaluations of two runs, or of two sets of runs, on the same pieces.
 
-    Pieces differ much more in how hard they are than methods do in how well they play. The
-    difference within each piece is free of that, as in the evaluation of the curriculum paper.
+    Difficulty varies much more between pieces than performance between methods. Differences within
+    each piece remove it, as in the evaluation of the curriculum paper.
 
     Args:
-        a: What evaluation wrote: its JSON file, the folder of a run, or a folder of runs. Episodes
-            of one piece are taken together, also those of several runs.
-        b: Likewise; differences are B - A.
-        metrics: Names of the metrics; by default those of :data:`MAIN_METRICS` that there are.
-        by: "piece" pairs the means over all episodes of a piece, "seed" those over the episodes of
-            one evaluation seed of a piece, "training-seed" those of the runs that were trained from
-            one seed. Seeds of one piece are no independent evidence on how the two compare on
-            others.
+        a: Evaluations: a JSON file, the folder of an evaluated run, or a folder of such runs.
+            Episodes of one piece are pooled, also over several runs.
+        b: As ``a``; differences are B - A.
+        metrics: Names of the metrics; by default those of :data:`MAIN_METRICS` that both have.
+        by: "piece" pairs the means over all episodes of a piece, "seed" the means over the episodes
+            of one evaluation seed of a piece, "training-seed" the means over runs with one training
+            seed. Seeds of one piece are no independent evidence for other pieces.
 
     Raises:
         ConfigError: If ``by`` or a metric is unknown.
-        RunError: If there is no evaluation, it is damaged, or the two have nothing in common.
+        RunError: If there is no evaluation, it is damaged, or the two have no pair in common.
 
     Source:
         Demsar, Statistical Comparisons of Classifiers over Multiple Data Sets (2006): one pair for
@@ -217,13 +216,13 @@ _Task = tuple[str, int | None]  # piece and seed
 
 @dataclass
 class _Played:
-    """The episodes of A or of B of one task."""
+    """The episodes of A or B on one task."""
 
     episodes: list[Mapping[str, float]] = field(default_factory=list)
     physics: set[str] = field(default_factory=set)
 
     def mean(self, metric: str) -> float | None:
-        """Return the mean over episodes; ``None`` if none says anything: timing needs a hit."""
+        """Return the mean over episodes; ``None`` without a value: timing needs a hit."""
         values = [metrics[metric] for metrics in self.episodes if has_value(metric, metrics)]
         return float(np.mean(values)) if values else None
 
@@ -248,7 +247,7 @@ def _tasks(source: str | os.PathLike[str], by: str) -> dict[_Task, _Played]:
 
 
 def _chosen(metrics: Sequence[str] | None, paired: _Paired) -> list[str]:
-    """Return names of metrics, each once: those that are asked for, or the main ones there are."""
+    """Return the requested metrics, each once, or the available main ones."""
     episodes = [metrics for _, a, b in paired for metrics in (*a.episodes, *b.episodes)]
     known = [name for name in episodes[0] if all(name in metrics for metrics in episodes)]
     if metrics is None:
@@ -287,18 +286,18 @@ def _name(piece: str, seed: int | None) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class SavedEpisodes:
-    """The episodes of one run on one piece, as :meth:`Evaluation.to_json` has them."""
+    """Episodes of one run on one piece, in the format of :meth:`Evaluation.to_json`."""
 
     piece: str
     """Piece that was played."""
     episode_seeds: tuple[int, ...]
-    """The seed from which each episode comes."""
+    """Seed of each episode."""
     episodes: tuple[Mapping[str, float], ...]
     """Metrics of each episode, by name."""
     training_seed: int | None = None
-    """Seed of the training; ``None`` if the evaluation does not tell."""
+    """Seed of the training; ``None`` if the evaluation has none."""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
-    """Arguments of the environment that was played in."""
+    """Arguments of the environment."""
 
     def __post_init__(self) -> None:
         if not self.episodes or len(self.episode_seeds) != len(self.episodes):
@@ -306,7 +305,7 @@ class SavedEpisodes:
 
 
 def _evaluations(content: Any) -> Any:
-    """Return the list of evaluations in a file of :func:`evaluate_runs`, or of the one alone."""
+    """Return the evaluations in a file of :func:`evaluate_runs`, or a single one as a list."""
     return content.get("evaluations", [content]) if isinstance(content, dict) else content
 
 
@@ -314,7 +313,7 @@ _OneOrSeveral = Annotated[list[SavedEpisodes], BeforeValidator(_evaluations)]
 
 
 def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
-    """Return the episodes of an evaluation's JSON file, of a run, or of a folder of runs."""
+    """Read the episodes of an evaluation's JSON file, a take, a run, or a folder of runs."""
     path = Path(source)
     if os.path.isfile(path):
         return _read_file(path)
@@ -327,7 +326,7 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
     if not runs:
         raise RunError(
             f"'{path}' is no run and holds none: expected a folder that 'sb3-piano train' made, or "
-            "one in which such folders are, such as that of a sweep."
+            "a folder of such runs, such as a sweep."
         )
     files = [run.evaluation_dir / "metrics.json" for run in runs]
     for run, file in zip(runs, files, strict=True):
@@ -340,14 +339,14 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
 
 
 def _runs_in(path: Path) -> list[RunFolder]:
-    """Return the run that a folder is, or else all runs below it, at any depth."""
+    """Return the folder itself if it is a run, else all runs below it, at any depth."""
     runs = []
     for folder, below, files in os.walk(path):
         below.sort()
         run = RunFolder(Path(folder))
         if run.config_file.name in files:
             runs.append(run)
-            below.clear()  # what it corrects has a folder in it, which is no run of its own
+            below.clear()  # a corrected run inside it is no run of its own
     return runs
 
 

@@ -1,4 +1,4 @@
-"""Picture of a comparison: the sorted differences of its pairs, a panel for each metric."""
+"""Plot of a comparison: sorted differences of its pairs, one panel per metric."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from sb3_piano.training.evaluation.comparison import Comparison, MetricComparison
 
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
-"""What the name of a picture may end in."""
+"""Supported suffixes of a picture's name."""
 
 MOST_NAMED = 30
-"""Most pairs that are named beside their bars; the names of more could not be read."""
+"""Greatest number of pairs with legible names beside their bars."""
 
 _MOST_APART = 100
-"""Most bars with gaps between them, which would be of less than a pixel between more."""
+"""Greatest number of bars with gaps; with more, gaps would be below a pixel."""
 
 _COLUMNS = 2
-"""Most panels beside each other."""
+"""Greatest number of panels in a row."""
 _WIDTH = 5.0  # of a panel [inch]
-_LINE, _MARGINS = 0.2, 1.2  # height of a named bar, and of what is around the bars [inch]
+_LINE, _MARGINS = 0.2, 1.2  # height of a named bar, and of the margins [inch]
 _HEIGHT = 5.0  # of a panel without names [inch]
 _LETTERS_PER_INCH = 11
 _LONGEST_NAME = 32
 
-# From the palette of Okabe and Ito, which the colour-blind can tell apart.
+# From the colour-blind-safe palette of Okabe and Ito.
 _ABOVE, _BELOW, _EQUAL, _MEAN, _BAND = "#0072b2", "#d55e00", "#666666", "#222222", "#dddddd"
 
 _LEGEND = (
@@ -50,10 +50,10 @@ _IS_ABOVE, _IS_BELOW, _IS_EQUAL, _IS_MEAN, _IS_INTERVAL = _LEGEND
 
 
 def picture_format(path: Path) -> str:
-    """Return the format that a picture's suffix tells, such as ``"png"``.
+    """Return the format of a picture's suffix, such as ``"png"``.
 
     Raises:
-        ConfigError: If it is none of :data:`PICTURE_SUFFIXES`.
+        ConfigError: If the suffix is not in :data:`PICTURE_SUFFIXES`.
     """
     suffix = path.suffix.lower()
     if suffix not in PICTURE_SUFFIXES:
@@ -65,9 +65,9 @@ def picture_format(path: Path) -> str:
 
 
 def difference_plot(comparison: Comparison) -> Figure:
-    """Draw the differences B - A of the pairs as bars, sorted, with their mean and its interval.
+    """Plot the differences B - A of the pairs as sorted bars, with their mean and its interval.
 
-    Each metric is sorted for itself, the largest difference on top. Up to :data:`MOST_NAMED` pairs
+    Each metric is sorted separately, the largest difference on top. Up to :data:`MOST_NAMED` pairs
     are named. A pair without a difference is a dot on the line at 0.
 
     Source:
@@ -92,7 +92,7 @@ def difference_plot(comparison: Comparison) -> Figure:
 
 
 def _add_legend(figure: Figure, n_columns: int) -> None:
-    """Add what any of the panels shows, each once."""
+    """Add a legend of all items that any panel shows."""
     drawn: dict[str, Artist] = {}
     for panel in figure.axes:
         handles, labels = panel.get_legend_handles_labels()
@@ -109,7 +109,7 @@ def _add_legend(figure: Figure, n_columns: int) -> None:
 
 def _draw(panel: Axes, found: MetricComparison) -> None:
     """Draw the pairs of one metric."""
-    panel.use_sticky_edges = False  # else there is no room beyond 0 where all bars are on one side
+    panel.use_sticky_edges = False  # keeps a margin at 0 where all bars are on one side
     unsorted = np.array([pair.difference for pair in found.pairs])
     order = np.argsort(unsorted, kind="stable")
     differences, places = unsorted[order], np.arange(len(order))
@@ -137,13 +137,13 @@ def _draw(panel: Axes, found: MetricComparison) -> None:
 def _draw_mean(panel: Axes, found: MetricComparison) -> None:
     interval = found.difference.interval
     if interval is not None:
-        # Behind the bars, whose colours would change under it.
+        # Behind the bars, to keep their colours.
         panel.axvspan(*interval, zorder=0, color=_BAND, linewidth=0, label=_IS_INTERVAL)
     panel.axvline(found.difference.mean, color=_MEAN, linestyle="--", label=_IS_MEAN)
 
 
 def _label(panel: Axes, found: MetricComparison) -> None:
-    """Write what is drawn and how often B is at or above A; draw the line at 0 and a grid."""
+    """Write title and axis label; draw the line at 0 and a grid."""
     known = DEFINITIONS.get(found.metric)
     label, unit = (found.metric, "") if known is None else (known.label, known.unit)
     count = f"B at or above A in {found.n_a_not_above_b} of {len(found.pairs)}"
@@ -156,12 +156,12 @@ def _label(panel: Axes, found: MetricComparison) -> None:
 
 
 def _end(text: str, room: int) -> str:
-    """Return the end of a path, which tells more than its beginning."""
+    """Shorten a path to its end."""
     return text if len(text) <= room else f"…{text[1 - room :]}"
 
 
 def _middle_left_out(name: str) -> str:
-    """Return a name of which at least the beginning is kept, and the end, where its seed is."""
+    """Shorten a name in the middle; the end may have the seed."""
     if len(name) <= _LONGEST_NAME:
         return name
     end = _LONGEST_NAME // 2

@@ -1,4 +1,4 @@
-"""Evaluation: what trained models play, beside playing nothing."""
+"""Evaluation of trained models and other players, with resting hands as the baseline."""
 
 from __future__ import annotations
 
@@ -49,42 +49,43 @@ def evaluate(
     motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluation:
-    """Let a run's saved model, or another player, play without exploring; say how well it did.
+    """Evaluate a saved run with its deterministic policy, or another player.
 
     The environment has the run's wrappers and normalisation; returns and metrics are those of the
-    bare environment inside. A run of several ``pieces`` plays each of them. Unless another piece or
-    a tree is given, writes ``evaluation/metrics.json`` and, from 1 on,
-    ``evaluation/performance_<i>.mid`` into the run's folder, in place of those that were there;
-    ``motion`` adds a file beside each.
+    bare environment inside. A run with several ``pieces`` plays each of them. Without another piece
+    and without a tree, it writes ``evaluation/metrics.json`` and ``evaluation/performance_<i>.mid``
+    (counted from 1) into the run's folder and replaces former ones; ``motion`` adds a file beside
+    each.
 
-    Ctrl-C ends it with the episodes that are finished, see ``interrupted`` of the result; before
-    the first one it is a ``KeyboardInterrupt`` as everywhere.
+    Ctrl-C returns the finished episodes, see ``interrupted`` of the result; before the first
+    finished episode it raises ``KeyboardInterrupt``.
 
     Args:
         player: The run's folder, or the spec of another player such as "tree:64x8:runs/td3/x" or
             "sight-reader", which needs a ``score``.
-        episodes: How many episodes of a piece to play from each seed, at least 1.
-        seed: Seeds the environment, at least 0; of several, each is used once. The resting hands
-            get the first one.
-        env: Where players without a run play, as for :meth:`~sb3_piano.training.OpenPlayer.open`.
-        physics: Name of the physics profile to play on; by default the run's own.
-        score: What to play in place of the run's own piece.
-        best: Play the best model by this metric, such as "f1", in place of the last one.
+        episodes: Number of episodes per piece and seed, at least 1.
+        seed: Seed, or distinct seeds, of the environment, at least 0. The resting hands use the
+            first one.
+        env: Environment of a player without a run, as in
+            :meth:`~sb3_piano.training.OpenPlayer.open`.
+        physics: Name of the physics profile; by default the run's own.
+        score: Piece to play instead of the run's own.
+        best: Use the best model by this metric, such as "f1", instead of the last.
         motion: Also write ``evaluation/performance_<i>.npz``, the whole take.
-        on_episode: Is called after each episode.
+        on_episode: Called after each episode.
 
     Raises:
         ConfigError: If ``episodes`` or ``seed`` is out of range, the run's config is damaged, or
-            the motion is to be written for another piece or of no piano.
-        RunError: If there is no run, it has no model that can be loaded, what it observes cannot
-            show the score, or its folder cannot be written.
+            ``motion`` is true for another piece or without a piano.
+        RunError: If there is no run, its model cannot be loaded, its observation cannot show the
+            score, or its folder cannot be written.
         ScoreError: If the score cannot be read.
     """
     evaluation, _ = _evaluated(
         player,
         _checked(seed, episodes),
         score,
-        go_on=False,
+        keep_going=False,
         env=env,
         physics=physics,
         best=best,
@@ -107,12 +108,12 @@ def evaluate_runs(
     motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluations:
-    """Evaluate several runs, or players, each on its own piece or pieces, or on the given ones.
+    """Evaluate several runs or players, each on its own pieces or on the given ones.
 
-    What cannot be evaluated, a piece or a run, does not stop the others. Ctrl-C does, and all that
-    was played until then is returned. Arguments, files in the runs' folders and errors are those of
-    :func:`~sb3_piano.training.evaluate`; a run may not be given twice, ``motion`` is written only
-    of the runs' own pieces, and nothing of a run of which one piece failed.
+    A failing piece or run does not stop the others. Ctrl-C does, and returns the results so far.
+    Arguments, files in the runs' folders and errors are as for
+    :func:`~sb3_piano.training.evaluate`. A run may be given only once. ``motion`` is written only
+    for the runs' own pieces. A run with a failed piece gets no files.
     """
     seeds = _checked(seeds, episodes)
     texts = list(map(str, players))
@@ -131,7 +132,7 @@ def evaluate_runs(
                 run,
                 seeds,
                 piece,
-                go_on=True,
+                keep_going=True,
                 env=env,
                 physics=physics,
                 best=best,
@@ -143,7 +144,7 @@ def evaluate_runs(
             interrupted = evaluation.interrupted
         except KeyboardInterrupt:
             interrupted = True
-        except Exception as error:  # a run's own wrappers may fail in any way
+        except Exception as error:  # wrappers of a run may fail in any way
             errors = [(None if piece is None else piece.title, error)]
         failures += [_failure(run, *error) for error in errors]
         if interrupted:
@@ -152,7 +153,7 @@ def evaluate_runs(
 
 
 def _distinct(scores: Sequence[Score | str | os.PathLike[str]]) -> list[Score]:
-    """Return scores; of those from several files of one name each has its file's as its title."""
+    """Load scores; those from files of equal names get their paths as titles."""
     found = [load_score(score) for score in scores]
     titles = [score.title for score in found]
     return [
@@ -164,7 +165,7 @@ def _distinct(scores: Sequence[Score | str | os.PathLike[str]]) -> list[Score]:
 
 
 def pieces_of(run: RunFolder) -> Sequence[str | None]:
-    """Return the pieces of a run that has several; ``None`` stands for its only one.
+    """Return the pieces of a run with several; ``[None]`` for a run with one.
 
     Raises:
         ConfigError: If its settings are damaged.
@@ -174,9 +175,9 @@ def pieces_of(run: RunFolder) -> Sequence[str | None]:
 
 
 def _as_trained(run: RunFolder, piece: str | None, pieces: Sequence[str | None]) -> Score | None:
-    """Return one of a run's pieces as its environment has it; ``None`` stands for its only one.
+    """Load one of a run's pieces as in its environment; ``None`` for its only piece.
 
-    Of several files of one name each has its path as its title.
+    Files of equal names get their paths as titles.
     """
     if piece is None:
         return None
@@ -188,12 +189,12 @@ def _as_trained(run: RunFolder, piece: str | None, pieces: Sequence[str | None])
 
 
 _Error = tuple[str | None, Exception]
-"""What a run failed to play, ``None`` for its only piece, and why."""
+"""A failed piece, ``None`` for the run's only piece, and the error."""
 
 _Played = tuple[Evaluation, list[Take]]
 
 _Task = tuple[str | None, Callable[[], Score | str | os.PathLike[str] | None]]
-"""The name of a piece, if it has one, and what gives what is to be played in its place."""
+"""The name of a piece, if any, and a function that returns the score to play."""
 
 
 def _failure(run: _Player, piece: str | None, error: Exception) -> Failure:
@@ -208,7 +209,7 @@ def _evaluated(
     seeds: Sequence[int],
     score: Score | str | os.PathLike[str] | None,
     *,
-    go_on: bool,
+    keep_going: bool,
     env: EnvSpec | None,
     physics: str | None,
     best: str | None,
@@ -216,10 +217,10 @@ def _evaluated(
     motion: bool,
     on_episode: Callable[[], object],
 ) -> tuple[Evaluation, list[_Error]]:
-    """Return the evaluation of a run on all its pieces, or on one that is given, and what failed.
+    """Evaluate a run on all its pieces, or on a given one; also return the errors.
 
-    Whether to go on after an error is the caller's choice; if all fails, the first one is raised.
-    The other arguments are those of :func:`evaluate`.
+    ``keep_going`` continues after errors; if all pieces fail, the first error is raised. Other
+    arguments are as for :func:`evaluate`.
     """
     player = who if isinstance(who, PlayerSpec) else PlayerSpec.parse(who)
     tree = player.tree
@@ -247,7 +248,7 @@ def _evaluated(
                     _try_out(run.evaluation_dir)  # before the work of playing
                 return play_piece(opened, episodes, seeds, motion, on_episode)
         except Exception as error:
-            if not go_on:
+            if not keep_going:
                 raise
             errors.append((name, error))
             return None
@@ -256,19 +257,19 @@ def _evaluated(
     if not played:
         raise errors[0][1]
     if run is None or not alone or errors:
-        return _whole([found for found, _ in played], len(tasks), interrupted), errors
-    with _told_if_unwritable(run.evaluation_dir):
+        return _combined([found for found, _ in played], len(tasks), interrupted), errors
+    with _writing_in(run.evaluation_dir):
         file = run.evaluation_dir / "metrics.json"
-        whole = _whole(_with_files(played, file), len(tasks), interrupted)
+        whole = _combined(_with_files(played, file), len(tasks), interrupted)
         write_json(file, whole.to_json())
     return whole, errors
 
 
 def _until_ctrl_c(results: Iterator[_Played | None]) -> tuple[list[_Played], bool]:
-    """Return what is played on piece after piece until Ctrl-C, and whether that ended it.
+    """Collect results until Ctrl-C; also return whether Ctrl-C ended them.
 
     Raises:
-        KeyboardInterrupt: If nothing was played before it.
+        KeyboardInterrupt: If there is no result before Ctrl-C.
     """
     played: list[_Played] = []
     try:
@@ -286,7 +287,7 @@ def _until_ctrl_c(results: Iterator[_Played | None]) -> tuple[list[_Played], boo
 
 
 def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:
-    """Return seeds as a tuple."""
+    """Return the seeds as a tuple; raise ConfigError for invalid seeds or ``episodes``."""
     several = (seeds,) if isinstance(seeds, int) else tuple(seeds)
     if not several:
         raise ConfigError("There are no seeds: expected at least one.")
@@ -295,14 +296,14 @@ def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:
         if several.count(seed) > 1:
             raise ConfigError(
                 f"seed {seed} is given {several.count(seed)} times: expected each seed once, as "
-                "its episodes would only be counted again."
+                "its episodes would be counted twice."
             )
     checked("episodes", episodes, Count)
     return several
 
 
-def _whole(found: Sequence[Evaluation], n_pieces: int, interrupted: bool) -> Evaluation:
-    """Return the evaluation of a run on all its pieces, of those on each as far as there are."""
+def _combined(found: Sequence[Evaluation], n_pieces: int, interrupted: bool) -> Evaluation:
+    """Combine a run's evaluations of single pieces."""
     if n_pieces == 1:
         return dataclasses.replace(found[0], interrupted=interrupted)
     losses = [one.losses for one in found if one.losses is not None]
@@ -324,7 +325,7 @@ def _whole(found: Sequence[Evaluation], n_pieces: int, interrupted: bool) -> Eva
 
 
 @contextlib.contextmanager
-def _told_if_unwritable(folder: Path) -> Iterator[None]:
+def _writing_in(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -332,14 +333,14 @@ def _told_if_unwritable(folder: Path) -> Iterator[None]:
 
 
 def _try_out(folder: Path) -> None:
-    """Refuse a folder in which no files can be made."""
-    with _told_if_unwritable(folder):
+    """Raise RunError for a folder in which no file can be created."""
+    with _writing_in(folder):
         make_folder(folder)
         tempfile.TemporaryFile(dir=folder).close()
 
 
 def _with_files(played: Sequence[_Played], metrics_file: Path) -> list[Evaluation]:
-    """Write what was played beside the file of metrics, in place of former files."""
+    """Write the performances beside the file of metrics, and delete former ones."""
     folder = metrics_file.parent
     for stale in (*folder.glob("performance_*.mid"), *folder.glob("performance_*.npz")):
         stale.unlink()

@@ -27,48 +27,48 @@ class Evaluation:
     algo: str
     """Name of the algorithm."""
     piece: str
-    """Title of the piece, or how many there are; the environment's id if it is no piano."""
+    """Title of the piece, or the number of pieces; the environment's id if it is no piano."""
     num_timesteps: int
-    """Environment steps that the model was trained for."""
+    """Environment steps of the model's training."""
     training_seed: int | None
     """Seed of the training."""
     env_kwargs: Mapping[str, Any]
-    """Arguments of the environment that was played in."""
+    """Arguments of the environment."""
     episodes: tuple[Mapping[str, float], ...]
     """Metrics of each episode."""
     episode_seeds: tuple[int, ...]
-    """The seed from which each episode comes; those of one seed stand together, in order."""
+    """Seed of each episode; episodes of one seed are adjacent, in order."""
     summary: Mapping[str, Summary]
-    """Mean, standard deviation and interval of each metric over all episodes; of several pieces,
+    """Mean, standard deviation and interval of each metric over all episodes; with several pieces,
     over their means."""
     baseline: Mapping[str, float] | None
-    """Metrics of an episode in which the hands rest, of several pieces their means; ``None`` if the
+    """Metrics of an episode with resting hands, with several pieces their means; ``None`` if the
     environment is no piano."""
     performances: tuple[Path | None, ...] = ()
-    """The MIDI file of each episode, ``None`` if no key was pressed in it; empty if none was
-    written, as for any piece but the run's own ones."""
+    """MIDI file of each episode, ``None`` if no key was pressed; empty if no files were written, as
+    for pieces other than the run's own."""
     losses: Losses | None = None
-    """Where frames were lost in all episodes together; ``None`` if the environment is no piano."""
+    """Lost frames of all episodes together; ``None`` if the environment is no piano."""
     tree: SearchStatistics | None = None
-    """What the trees looked like, if the model looked ahead by a tree search."""
+    """Statistics of the tree search, if one was used."""
     motions: tuple[Path, ...] = ()
-    """The file of how everything moved in each episode; empty if none was asked for."""
+    """Motion file of each episode; empty if none was requested."""
     metrics_file: Path | None = None
-    """The file in the run's folder with all this, of all its pieces; ``None`` if none was
+    """File in the run's folder with the results of all its pieces; ``None`` if none was
     written."""
     interrupted: bool = False
-    """Whether Ctrl-C ended it before all episodes were played."""
+    """Whether Ctrl-C ended the evaluation before all episodes were played."""
     by_piece: tuple[Evaluation, ...] = ()
-    """The evaluation on each piece, of a run that has several; else empty."""
+    """Evaluation of each piece of a run with several pieces; else empty."""
 
     @property
     def mean(self) -> dict[str, float]:
-        """Mean of each metric, as of :attr:`summary`."""
+        """Mean of each metric, from :attr:`summary`."""
         return {name: summary.mean for name, summary in self.summary.items()}
 
     @property
     def std(self) -> dict[str, float]:
-        """Standard deviation of each metric, likewise (of the population; 0 for one)."""
+        """Standard deviation of each metric, likewise (population; 0 for one episode)."""
         return {name: summary.std for name, summary in self.summary.items()}
 
     @property
@@ -78,19 +78,18 @@ class Evaluation:
 
     @property
     def is_repetition(self) -> bool:
-        """Whether there are several episodes that are all the same, so that one would have done.
+        """Whether several episodes are all equal, so that one would suffice.
 
-        A policy that does not explore, in an environment that draws nothing at random, plays the
-        same from every seed.
+        A deterministic policy in a deterministic environment plays the same from every seed.
         """
         first, *others = self.episodes
         return bool(others) and all(other == first for other in others)
 
     def to_json(self) -> dict[str, Any]:
-        """Return all of it in JSON's types.
+        """Return the evaluation in JSON's types.
 
-        ``mean``, ``std`` and ``interval`` have a value for each metric, the latter both ends or
-        ``None``; ``no_interval`` then has the reason. Of several pieces ``evaluations`` has each.
+        ``mean``, ``std`` and ``interval`` have a value for each metric. An interval is both ends or
+        ``None``; ``no_interval`` then has the reason. ``evaluations`` has one per piece of several.
         """
 
         def own(*names: str) -> dict[str, Any]:
@@ -116,12 +115,12 @@ class Evaluation:
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """A run that could not be evaluated, or not on one piece."""
+    """A failed evaluation of a run, or of a run on one piece."""
 
     run: Path
     """The run's folder."""
     piece: str | None
-    """Piece it should have played; ``None`` for its own, or all of several."""
+    """The piece; ``None`` for the run's own piece or all of its pieces."""
     reason: str
     """Message of the error."""
 
@@ -135,23 +134,23 @@ class Evaluations:
     """Result of :func:`~sb3_piano.training.evaluation.evaluate.evaluate_runs`."""
 
     evaluations: tuple[Evaluation, ...]
-    """One for each run and piece, in the order they were asked for."""
+    """One per run and piece, in the order requested."""
     failures: tuple[Failure, ...] = ()
-    """The runs, or pieces of runs, that could not be evaluated."""
+    """Failed runs, or pieces of runs."""
     interrupted: bool = False
-    """Whether Ctrl-C ended it early."""
+    """Whether Ctrl-C ended the evaluations early."""
 
     def write_json(self, path: Path) -> None:
-        """Write everything, statistics included."""
+        """Write all results and statistics."""
         failures = [{**vars(failure), "run": str(failure.run)} for failure in self.failures]
         evaluations = [evaluation.to_json() for evaluation in self.evaluations]
         content = {"interrupted": self.interrupted, "evaluations": evaluations}
         write_json(path, {**content, "failures": failures})
 
     def write_csv(self, path: Path) -> None:
-        """Write a row for each episode: run, algorithm, piece, seed, episode, and all metrics.
+        """Write one row per episode: run, algorithm, piece, seed, episode and all metrics.
 
-        Episodes count from 1 on for each seed; a metric that an episode lacks is left empty.
+        Episodes are counted from 1 for each seed; missing metrics are left empty.
         """
         metrics = dict.fromkeys(name for e in self.evaluations for name in e.summary)
         rows = [

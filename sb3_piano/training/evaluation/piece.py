@@ -1,4 +1,4 @@
-"""Evaluation on one piece: episodes that a player plays, and what is made of them."""
+"""Evaluation of a player on one piece."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def play_piece(
     motion: bool,
     on_episode: Callable[[], object],
 ) -> tuple[Evaluation, list[Take]]:
-    """Return the evaluation of what a player plays until Ctrl-C, and the episodes.
+    """Play episodes until done or Ctrl-C; return their evaluation and the episodes.
 
     Raises:
-        ConfigError: If the motion is to be kept, but the environment is no piano.
+        ConfigError: If ``motion`` is true, but the environment is no piano.
         KeyboardInterrupt: If no episode was finished before Ctrl-C.
     """
     played, resting = _played(player, episodes, seeds, motion, on_episode)
@@ -35,7 +35,7 @@ def play_piece(
 
 
 def summaries(metrics: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
-    """Return the statistics of each metric, over those that say anything: timing needs a hit."""
+    """Return the statistics of each metric over its values: timing has none without a hit."""
     return {
         name: summarize(
             [each[name] for each in metrics if has_value(name, each)]
@@ -52,7 +52,7 @@ def _played(
     motion: bool,
     on_episode: Callable[[], object],
 ) -> tuple[list[Take], Take | None]:
-    """Return what a player plays until Ctrl-C, one episode at least, and one of resting hands."""
+    """Play until done or Ctrl-C; return at least one episode, and one of resting hands."""
     played: list[Take] = []
     resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
     if motion and resting is None:
@@ -75,7 +75,6 @@ def _evaluation(
     *,
     interrupted: bool,
 ) -> Evaluation:
-    """Return the evaluation of episodes of one piece."""
     tree = player.spec.tree
     metrics = [take.metrics for take in played]
     losses = [take.performance.losses() for take in played if take.performance is not None]

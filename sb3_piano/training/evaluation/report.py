@@ -1,4 +1,4 @@
-"""Reports: what a run plays and how its training went, and the notes of a piece."""
+"""HTML reports of a player's performance and training, and of a piece's notes."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ def write_report(
     best: str | None = None,
     replay: bool = False,
 ) -> Path:
-    """Let a run's saved model, or another player, play; write what there is to see as HTML.
+    """Play with a saved run or another player, and write an HTML report.
 
-    The file needs nothing else, also no network. The resting hands get the same seed. With
-    ``replay`` the page also shows the performance in three dimensions. By default the file is
-    ``evaluation/report.html`` in the run's folder, or ``report.html`` in that of
-    :func:`~sb3_piano.training.play_run`, whose arguments and errors are the same.
+    The file is self-contained and needs no network. The resting hands use the same seed. With
+    ``replay`` the page has a 3D replay of the performance. By default the file is
+    ``evaluation/report.html`` in the run's folder, or ``report.html`` in the default folder of
+    :func:`~sb3_piano.training.play_run`, which has the same arguments and errors.
 
     Raises:
         ConfigError: If the package was installed without the player of replays.
     """
     if replay:
-        player_script()  # what is missing is told before anything plays
+        player_script()  # raise its error before playing
     with OpenPlayer.open(player, seed=seed, physics=physics, score=score, best=best) as opened:
         if not isinstance(opened.env, PianoEnv):
             raise RunError(
@@ -86,11 +86,11 @@ def write_take_report(
     *,
     replay: bool = False,
 ) -> Path:
-    """Write what there is to see of a take in a file, as :func:`write_report` does of a player.
+    """Write an HTML report of a take's file, as :func:`write_report` does for a player.
 
     Raises:
         ConfigError: If it is no take, or the package was installed without the player of replays.
-        RunError: If the take has a motion alone, as files of version 0.2 have.
+        RunError: If the take has only motion, as in files of version 0.2.
     """
     take = Take.read(file)
     again = ["sb3-piano", "report", os.fspath(file), *(["--3d"] if replay else [])]
@@ -109,11 +109,11 @@ def _text_of(score: Source | None) -> str | None:
 def write_piece_report(name: str, out: str | os.PathLike[str] | None = None) -> Path:
     """Write the piano roll of a piece, or of a file such as MIDI, into an HTML file.
 
-    Notes without a finger get one, as in the environments. The file is by default
-    ``play/<title>/piano_roll.html``, beside what ``sb3-piano play`` writes.
+    Notes without a finger get one, as in the environments. The default file is
+    ``play/<title>/piano_roll.html``, beside the files of ``sb3-piano play``.
 
     Raises:
-        ScoreError: If the piece is unknown or cannot be read, or no hands could play it.
+        ScoreError: If the piece is unknown, cannot be read, or is unplayable by hands.
         RunError: If the file cannot be written.
     """
     score = apply_fingering(load_score(name), "ergonomic")
@@ -130,27 +130,26 @@ def write_piece_report(name: str, out: str | os.PathLike[str] | None = None) -> 
 
 @contextlib.contextmanager
 def _writing(path: Path, *, own_folder: bool) -> Iterator[None]:
-    """Make the folder of a page that is written, whole or not at all."""
+    """Make the folder of a page; convert errors of writing to RunError."""
     try:
         if own_folder:
             make_folder(path.parent)
         yield
     except OSError as error:
         raise RunError(
-            f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
-            "there."
+            f"'{path}' cannot be written: {error.strerror}. Expected a file in an existing folder."
         ) from error
 
 
 def training_curves(run: RunFolder) -> dict[str, Curve]:
-    """Return what TensorBoard's files of a run say, by name; none of the curves is empty.
+    """Read the curves of a run's TensorBoard files by name, without empty ones.
 
-    A run that was resumed from a checkpoint before its last log line has lines for some steps
-    twice; those of the training that was given up are left out. So are numbers that are not finite.
+    A run resumed from a checkpoint before its last log line logged some steps twice; only the
+    later values are kept. Numbers that are not finite are left out.
     """
     if not run.tensorboard_dir.is_dir():
         return {}
-    # Slow to import, and of no use to a run without a log.
+    # Imported here as it is slow.
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     events: dict[str, list[Any]] = {}
@@ -163,7 +162,7 @@ def training_curves(run: RunFolder) -> dict[str, Curve]:
 
 
 def _curve(events: list[Any]) -> Curve:
-    """Return what counts of TensorBoard's events of a number, from all its files."""
+    """Return the curve of a number from the TensorBoard events of all its files."""
     kept: list[Any] = []
     for event in sorted(events, key=lambda event: event.wall_time):
         while kept and kept[-1].step >= event.step:
@@ -183,7 +182,7 @@ def _origin(
     options: Mapping[str, str | None],
     replay: bool,
 ) -> tuple[Texts, Texts]:
-    """Return the facts of a report, and the commands, with their options, to do it again."""
+    """Return the facts of a report, and the commands that reproduce it."""
     notes = {} if player.run is None else player.run.read_provenance()
     now = provenance(seed)
     best = options["--best"]

@@ -1,4 +1,4 @@
-"""Statistics of a few numbers: pure functions over arrays."""
+"""Statistics of small samples: mean, bootstrap interval, signed-rank test."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy.typing as npt
 Interval = tuple[float, float]
 
 CONFIDENCE = 0.95
-"""Coverage of an interval: the share of intervals that hold the mean."""
+"""Nominal coverage of an interval: the share of intervals that contain the mean."""
 
 _RESAMPLES = 9999
-_SEED = 0  # the same numbers have the same interval, today and tomorrow
+_SEED = 0  # equal numbers always have equal intervals
 
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """Mean and spread of some numbers."""
+    """Mean and spread of numbers."""
 
     n: int
     """Number of values."""
     mean: float
     """Their mean."""
     std: float
-    """Their standard deviation (of the population; 0 for one)."""
+    """Their standard deviation (population; 0 for one value)."""
     interval: Interval | None
     """:func:`bootstrap_interval` of the mean."""
     no_interval: str | None
@@ -37,11 +37,11 @@ class SignedRankTest:
     """A two-sided Wilcoxon signed-rank test of differences."""
 
     n: int
-    """Number of differences that are not 0; only these count."""
+    """Number of non-zero differences; only these count."""
     p: float | None
-    """Share of cases without a trend that look as one-sided; ``None`` if not tested."""
+    """p-value, with symmetric differences as null hypothesis; ``None`` if not tested."""
     least_p: float | None
-    """The least ``p`` that so many differences can have, 2 / 2^n; ``None`` if not tested."""
+    """Least possible ``p`` with ``n`` differences, 2 / 2^n; ``None`` if not tested."""
     no_test: str | None
     """Why there is no test; ``None`` if there is one."""
 
@@ -65,12 +65,12 @@ def summarize(values: npt.ArrayLike) -> Summary:
 def bootstrap_interval(values: npt.ArrayLike) -> Interval | None:
     """Return both ends of the 95 % bootstrap interval of the mean of (n,) values.
 
-    There is none of fewer than two values or of values that are all equal: resampling them can say
-    nothing of how they vary. The percentile method: the 2.5 % and 97.5 % quantiles of the means of
-    9999 resamples. It stays within the values, so that the interval of a score in [0, 1] does too,
-    and is what rliable uses. From few values any interval is too narrow for its name: from 3, 5, 10
-    and 20, those of this method covered the true mean in 73, 82, 88 and 91 % of 3000 draws, a third
-    each normal, exponential and beta(2, 8); those of the BCa method in 70, 82, 88 and 92 % of 1500.
+    Fewer than two values, or values that are all equal, have no interval: resamples of them do not
+    vary. The percentile method takes the 2.5 % and 97.5 % quantiles of the means of 9999 resamples.
+    Its interval stays within the values, so also within [0, 1] for scores; rliable uses it. With
+    few values every interval is too narrow: with 3, 5, 10 and 20, this method covered the true mean
+    in 73, 82, 88 and 91 % of 3000 draws, a third each normal, exponential and beta(2, 8); the BCa
+    method in 70, 82, 88 and 92 % of 1500.
 
     Source:
         Efron and Tibshirani, An Introduction to the Bootstrap (1993), chapter 13. Agarwal et al.,
@@ -79,7 +79,7 @@ def bootstrap_interval(values: npt.ArrayLike) -> Interval | None:
     values = np.asarray(values, dtype=np.float64)
     if len(values) < 2 or np.ptp(values) == 0:
         return None
-    from scipy import stats  # slow to import, and of no use to most commands
+    from scipy import stats  # slow to import, and most commands do not need it
 
     found = stats.bootstrap(
         (values,),
@@ -93,11 +93,10 @@ def bootstrap_interval(values: npt.ArrayLike) -> Interval | None:
 
 
 def signed_rank_test(differences: npt.ArrayLike) -> SignedRankTest:
-    """Test whether (n,) paired differences lean to one side, however they are distributed.
+    """Run a two-sided Wilcoxon signed-rank test on (n,) paired differences.
 
-    Zeros say nothing of a side and are left out first, as Wilcoxon did. Equal sizes share their
-    mean rank. The test is exact up to 50 differences of different sizes, or 13 with equal ones;
-    above, it takes the normal approximation.
+    Zeros are dropped first, as by Wilcoxon. Ties share their mean rank. The test is exact up to 50
+    differences without ties, or 13 with ties; above, it uses the normal approximation.
 
     Source:
         Wilcoxon, Individual Comparisons by Ranking Methods (1945), as in ``scipy.stats.wilcoxon``.
@@ -111,7 +110,7 @@ def signed_rank_test(differences: npt.ArrayLike) -> SignedRankTest:
         return SignedRankTest(n=len(counted), p=None, least_p=None, no_test=reason)
     from scipy import stats
 
-    # Only ranks count; without rounding, equal sizes would differ in their last digits.
+    # Only ranks count; rounding keeps ties equal despite their last digits.
     sizes = np.round(counted / np.abs(counted).max(), 12)
     return SignedRankTest(
         n=len(counted),

@@ -1,1 +1,1 @@
-"""Players of saved models and plans, and what there is to see and hear of them."""
+"""Play saved models and plans, and write their performances."""

@@ -1,4 +1,4 @@
-"""Players opened to play: each in its environment, whose performances are recorded."""
+"""Players opened in their environments, with recorded performances."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ PLANNED_IN: Mapping[str, Any] = {
     "initial_buffer_time": 0.5,
     "fingering": "robot",
 }
-"""Options of the environments in which players play a piece unless told otherwise: all joints, half
-a second to get to the first note, and the fingers that suit the hands."""
+"""Default options of the environment for playing a piece: all joints, half a second before the
+first note, and fingering for the simulated hands."""
 
 Source = Score | str | os.PathLike[str]
 
 
 def stage_for(piece: Any, *, defaults: Mapping[str, Any] = PLANNED_IN, **options: Any) -> EnvSpec:
-    """Return where players play a piece: an environment by its id, a file, a name or a score.
+    """Return the environment for a piece: an environment id, a file, a name or a score.
 
-    ``options`` of the environment come before the ``defaults``.
+    ``options`` of the environment override the ``defaults``.
 
     Raises:
         ConfigError: If there is no such file, or an option does not fit.
@@ -65,10 +65,10 @@ def stage_for(piece: Any, *, defaults: Mapping[str, Any] = PLANNED_IN, **options
 
 @dataclass(kw_only=True, eq=False)
 class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
-    """A player in its environment, playing without exploring.
+    """A player opened in its environment; a model plays its deterministic policy.
 
-    A run's model plays with the run's wrappers and normalisation; what is recorded is that of the
-    bare environment inside::
+    A run's model plays with the run's wrappers and normalisation; the recording is of the bare
+    environment inside::
 
         with OpenPlayer.open("runs/td3/RoboPianist-v0_1") as player:
             takes = player.play(episodes=3)
@@ -77,24 +77,23 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
     """
 
     spec: PlayerSpec
-    """Who plays."""
+    """Spec of the player."""
     env_spec: EnvSpec
-    """Where."""
+    """Spec of the environment."""
     seed: int
-    """The seed from which it plays unless another is given."""
+    """Default seed."""
     run: RunFolder | None
-    """The folder of the run whose model plays; ``None`` of any other player."""
+    """Folder of the player's run; ``None`` for other players."""
     algo: str
-    """Name of the algorithm that trained it, or its own."""
+    """Name of the training algorithm, or of the player."""
     training_seed: int | None
-    """Seed of its training, if it was trained."""
+    """Seed of the training, if any."""
     piece: str
-    """The name of what is played, of several pieces joined by "or"; the environment's id if it is
-    no piano."""
+    """Title of the piece, several joined by "or"; the environment's id if it is no piano."""
     model: Any
-    """What plays: a model of Stable-Baselines3, or a player of this package."""
+    """Model of Stable-Baselines3, or player of this package."""
     _titles: Mapping[str, str]
-    """Titles of scores whose files were copied, by the titles of the copies."""
+    """Original titles of copied score files, by the titles of the copies."""
     _env: Env | VecEnv
     _recorder: EpisodeRecorder
 
@@ -110,25 +109,25 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         best: str | None = None,
         disturbed: EnvWrapper | None = None,
     ) -> OpenPlayer:
-        """Return a player in its environment.
+        """Open a player in its environment.
 
         Args:
-            player: Who plays: a spec, or its text, such as the folder of a run.
-            env: Where; by default a run's own environment, and for other players that of
-                :func:`stage_for` the score.
-            seed: Seeds the environment and the player, at least 0.
-            physics: Name of the physics profile to play on; by default the environment's own.
-            score: What to play in place of the environment's own piece. In a run's environment it
-                comes in through ``reset``, so that an observation that was fitted to the run's own
-                piece keeps its meaning.
-            best: Play a run's best model by this metric, such as "f1", in place of the last one.
-            disturbed: Is put around the bare environment.
+            player: Spec of the player, or its text, such as the folder of a run.
+            env: Environment; by default a run's own, and for other players :func:`stage_for` of
+                the score.
+            seed: Seed of the environment and the player, at least 0.
+            physics: Name of the physics profile; by default the environment's own.
+            score: Piece to play instead of the environment's own. A run's environment gets it
+                through ``reset``, so that an observation fitted to the run's own piece keeps its
+                meaning.
+            best: Use a run's best model by this metric, such as "f1", instead of the last.
+            disturbed: Wrapper of the bare environment.
 
         Raises:
             ConfigError: If ``seed`` is out of range, a run's config is damaged, there is nothing to
                 play, or a piece is given to an environment that is no piano.
-            RunError: If there is no run, it has no model that can be loaded, or what it observes
-                cannot show the piece.
+            RunError: If there is no run, its model cannot be loaded, or its observation cannot show
+                the piece.
             ScoreError: If the score cannot be read.
         """
         spec = player if isinstance(player, PlayerSpec) else PlayerSpec.parse(player)
@@ -139,7 +138,7 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
 
             run = RunFolder.open(spec.name)
             former = run.read_player()
-            if former is not None:  # of versions that made a folder for a player, too
+            if former is not None:  # a player's folder of version 0.2
                 planned, of_player = former
                 spec, run = dataclasses.replace(planned, tree=spec.tree), None
                 env = env or of_player
@@ -181,7 +180,7 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         titles: Mapping[str, str] = {},
         piece: str | None = None,
     ) -> OpenPlayer:
-        """Return what plays in an environment, or in a vector of one, which has a recorder."""
+        """Wrap a player and its environment (or vector of one), which has a recorder."""
         single = singles_of(env)[0]
         return cls(
             spec=spec,
@@ -204,10 +203,10 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
 
     @property
     def piano(self) -> PianoEnv:
-        """The piano that is played.
+        """The piano environment.
 
         Raises:
-            RunError: If the environment is none.
+            RunError: If the environment is no piano.
         """
         if not isinstance(self.env, PianoEnv):
             raise RunError(
@@ -223,18 +222,18 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
 
     @property
     def num_timesteps(self) -> int:
-        """Environment steps that it was trained for."""
+        """Environment steps of the player's training."""
         return int(self.model.num_timesteps)
 
     @property
     def named(self) -> str:
-        """What messages call it."""
+        """Name of the player for messages."""
         return f"The player '{self.spec}'" if self.run is None else f"Run '{self.run.path}'"
 
     def play(self, episodes: int = 1, *, seed: int | None = None) -> list[Take]:
-        """Play so many episodes from a freshly seeded environment.
+        """Play a number of episodes in a freshly seeded environment.
 
-        The seed, at least 0, is by default that of :meth:`open`.
+        The seed, at least 0, defaults to the seed of :meth:`open`.
 
         Raises:
             ConfigError: If a number is out of range.
@@ -248,14 +247,14 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         seed: int | None = None,
         on_step: Callable[[Transition], object] = lambda transition: None,
     ) -> Iterator[Take]:
-        """Play as :meth:`play` does, each episode as it is asked for; without a number, endlessly.
+        """Generate episodes as in :meth:`play`, lazily; without a number, endlessly.
 
-        Whatever is played next, or a rest, ends it.
+        A later call of :meth:`play`, :meth:`episodes` or :meth:`rest` ends the generator.
         """
         return self._rollout(episodes, seed, resting=False, on_step=on_step)
 
     def rest(self) -> Take | None:
-        """Return an episode in which the hands rest; ``None`` if the environment is no piano."""
+        """Return an episode with resting hands; ``None`` if the environment is no piano."""
         if not self._recorder.can_rest:
             return None
         return next(self._rollout(1, None, resting=True))
@@ -267,16 +266,16 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         episode_start: npt.NDArray[Any] | None = None,
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
-        """Return what the model plays for an observation as the environment gives it."""
+        """Return the model's action for an observation of the environment, and its state."""
         arguments = (state, episode_start, deterministic)
         if isinstance(self._env, gym.Env):
             played: tuple[Any, Any] = self.model.predict(observation, *arguments)
             return played
 
-        from sb3_piano.training.runs.saved import act
+        from sb3_piano.training.runs.saved import predict_single
 
         with torch_computing():
-            return act(self.model, self._env, observation, *arguments)
+            return predict_single(self.model, self._env, observation, *arguments)
 
     def close(self) -> None:
         """Close the environment."""
@@ -291,7 +290,7 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         return (self._noted(take, own) for take in played)
 
     def _noted(self, take: Take, seed: int) -> Take:
-        """Return a take with who played where, and the title of the file that was copied."""
+        """Return a take with player, environment, seed, versions and its original title."""
         title, performance = self._titles.get(take.title, take.title), take.performance
         if performance is not None and title != take.title:
             performance = dataclasses.replace(performance, title=title)
@@ -307,7 +306,7 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
 
 
 SavedPlayer = OpenPlayer
-"""Name of :class:`OpenPlayer` in former versions."""
+"""Deprecated name of :class:`OpenPlayer`."""
 
 
 @contextlib.contextmanager
@@ -321,7 +320,7 @@ def closed_if_it_fails(env: Env | VecEnv) -> Iterator[None]:
 
 
 def _own_piece(spec: EnvSpec, env: Env, titles: Mapping[str, str]) -> str:
-    """Return what an environment's own piece is called; all that wrappers may choose are named."""
+    """Return the name of an environment's piece, or of all pieces its wrappers may choose."""
     if not isinstance(env.unwrapped, PianoEnv):
         return spec.id
     if len(spec.pieces) > 1:

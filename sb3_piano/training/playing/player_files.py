@@ -1,4 +1,4 @@
-"""Files of a player: those that decide how it plays, and those that play it elsewhere."""
+"""Files of a player: find those it depends on, and export a run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sb3_piano.training.runs.saved import (
 
 
 def player_files(spec: PlayerSpec) -> list[Path]:
-    """Return the files that decide how a player plays, those of what a run corrects included.
+    """Return the files that a player depends on, including those of a corrected run.
 
     Raises:
         RunError: If there is no such run, or it has no model.
@@ -43,7 +43,7 @@ def player_files(spec: PlayerSpec) -> list[Path]:
 
 
 def _hand_model(player: OpenPlayer) -> HandModel | None:
-    """Return the network of a hand; ``None`` if the run has learnt something else."""
+    """Return the network of a hand; ``None`` if the run has none."""
     try:
         return HandModel.of(player.model.policy, player.wrapped, player.num_timesteps)
     except ConfigError:  # another policy, other actions, or another observation
@@ -51,7 +51,7 @@ def _hand_model(player: OpenPlayer) -> HandModel | None:
 
 
 def keep_base(run: RunFolder, config: RunConfig) -> None:
-    """Keep a copy of the run that is corrected, if one is, in the folder of the new run."""
+    """Copy the corrected run, if any, into the folder of the new run."""
     if config.env.base is not None:
         write_player(config.env.base, run.base_dir)
         kept = run.read_config()
@@ -61,12 +61,12 @@ def keep_base(run: RunFolder, config: RunConfig) -> None:
 def write_player(
     run: str | os.PathLike[str], folder: str | os.PathLike[str], *, best: str | None = None
 ) -> RunFolder:
-    """Write what playing a run needs: its settings, origin, score and weights, in plain files.
+    """Export the files that play a run: settings, origin, score and weights, without pickles.
 
-    If it learnt one network for both hands (a policy for hands, acting by
-    :class:`~sb3_piano.wrappers.HandActions`), that is written as well: ``hand.safetensors`` plays
-    any piece as a :class:`~sb3_piano.players.SightReader`. Arguments and errors are those of
-    :func:`~sb3_piano.training.export_run`, which adds what describes the run.
+    One network for both hands (a policy for hands with
+    :class:`~sb3_piano.wrappers.HandActions`) is written, too: ``hand.safetensors`` plays any piece
+    as a :class:`~sb3_piano.players.SightReader`. Arguments and errors are as for
+    :func:`~sb3_piano.training.export_run`, which adds a model card and a video.
     """
     with player_written(run, folder, best) as written:
         return written
@@ -76,13 +76,12 @@ def write_player(
 def player_written(
     run: str | os.PathLike[str], folder: str | os.PathLike[str], best: str | None
 ) -> Iterator[RunFolder]:
-    """Give the folder of :func:`write_player`, which the block completes."""
+    """Yield the unfinished folder of :func:`write_player`; the block completes it."""
     with contextlib.ExitStack() as made:
         with OpenPlayer.open(os.fspath(run), best=best) as player:
             if player.run is None:
                 raise RunError(
-                    f"{player.named} was not trained, and is named by that text everywhere: "
-                    "expected a run to be exported."
+                    f"{player.named} was not trained, and needs no export: expected a trained run."
                 )
             config = player.run.read_config()
             written = made.enter_context(RunFolder.making(config, folder))

@@ -1,4 +1,4 @@
-"""Residual actions: corrections of a run's model by an agent that learns on."""
+"""Residual actions on top of a run's model."""
 
 from __future__ import annotations
 
@@ -14,32 +14,31 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.settings import Positive, checked
 from sb3_piano.training.configuration.env_spec import CorrectsRun
-from sb3_piano.training.runs.builders import normalized, refuse_other_vectors
+from sb3_piano.training.runs.builders import normalized, require_single_agent
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.saved import act, load_statistics, load_to_play, model_files
+from sb3_piano.training.runs.saved import load_statistics, load_to_play, model_files, predict_single
 from sb3_piano.wrappers.hand_actions import change_of_actions
 from sb3_piano.wrappers.residual import Residual
 
 
 class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
-    """Let the model of a run play, and the agent correct it.
+    """Add ``scale`` times the agent's action to the deterministic action of a run's model.
 
-    What is played is the model's action, without exploring, plus the agent's times ``scale``, cut
-    at -1 and 1. Actions of 0 play as the model does. The agent has a number for each actuator and
-    none for the pedal, which the model alone moves; it observes what the model does. The left hand
-    is a right one in the mirror, as in :class:`~sb3_piano.wrappers.HandActions`.
+    The sum is clipped to [-1, 1]. Actions of 0 play the model's actions. The agent has one number
+    per actuator and none for the pedal, which only the model moves; it has the model's observation.
+    The left hand is mirrored, as in :class:`~sb3_piano.wrappers.HandActions`.
 
     Args:
-        env: An environment like that of the run, with its wrappers.
+        env: An environment like the run's, with its wrappers.
         run: The run's folder.
-        scale: By how much an action of 1 moves the command of a finger's joint, rad, above 0; other
-            actuators as far as moves a fingertip as much.
+        scale: Change of a finger joint's command by an action of 1, rad, above 0; other actuators
+            move a fingertip as far.
 
     Raises:
-        ConfigError: If ``scale`` is out of range, or the environment has other actions than the
-            piano's own or those of :class:`~sb3_piano.wrappers.HandActions`; or the run was no
-            training, or has another ``vec_env_wrapper`` than HandsAsAgents.
-        RunError: If there is no such run, it has no model, or that does not fit the environment.
+        ConfigError: If ``scale`` is out of range, the environment's actions are neither the
+            piano's own nor those of :class:`~sb3_piano.wrappers.HandActions`, or the run was no
+            training or has another ``vec_env_wrapper`` than HandsAsAgents.
+        RunError: If there is no such run, or its model is missing or does not fit the environment.
     """
 
     def __init__(
@@ -51,7 +50,7 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
         self._model, self._venv = _model_of(run, env)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Return a copy around a copy of the environment, of the same model, which is only read."""
+        """Return a copy with a copied environment and the same, read-only model."""
         memo |= {id(shared): shared for shared in (self._model, self._venv)}
         copied = object.__new__(type(self))
         memo[id(self)] = copied
@@ -60,7 +59,7 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
 
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, (n,), by which the model takes observations, or 0 and 1."""
+        """Mean and standard deviation of the model's observations, (n,) each; else 0 and 1."""
         if not isinstance(self._venv, VecNormalize) or not self._venv.norm_obs:
             size = gym.spaces.flatdim(self._model.observation_space)
             return np.zeros(size), np.ones(size)
@@ -68,16 +67,16 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
         return statistics.mean, np.sqrt(statistics.var + self._venv.epsilon)
 
     def base_action(self, observation: Any) -> Float32Array:
-        """Return the model's action, without exploring."""
-        return np.array(act(self._model, self._venv, observation, None, None, True)[0])
+        """Return the model's deterministic action."""
+        return np.array(predict_single(self._model, self._venv, observation, None, None, True)[0])
 
 
 def _model_of(run: str | os.PathLike[str], env: gym.Env[Any, Any]) -> tuple[BaseAlgorithm, VecEnv]:
-    """Return the model of a run for an environment like its own, and the vector that it sees."""
+    """Load a run's model for an environment like its own; also return its vector."""
     folder = RunFolder.open(run)
     config = folder.read_config(exported=False)  # who exported it is whose run is played
     refused = f"Run '{folder.path}' cannot be corrected"
-    refuse_other_vectors(config, refused)
+    require_single_agent(config, refused)
     model_file, statistics = model_files(folder, config)
     venv: VecEnv = DummyVecEnv([lambda: env])
     for plugin in config.vec_env_wrapper:

@@ -1,4 +1,4 @@
-"""The model of a run, opened to play in the run's environment."""
+"""Open a run's model in the run's environment."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def open_run(
     best: str | None,
     disturbed: EnvWrapper | None,
 ) -> OpenPlayer:
-    """Return the model of a run in its environment; see :meth:`OpenPlayer.open`."""
+    """Open a run's model in its environment; see :meth:`OpenPlayer.open`."""
     trained = run.read_config()
     config = dataclasses.replace(trained.alone(), seed=seed)
     if physics is not None:
@@ -72,7 +72,7 @@ def open_run(
 
 
 class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
-    """Play one piece, whatever the wrappers further out ask for."""
+    """Wrapper that plays one fixed piece, whatever piece outer wrappers choose."""
 
     def __init__(self, env: Env, score: Score):
         super().__init__(env)
@@ -103,7 +103,7 @@ def _check_playable(run: RunFolder, env: Env, venv: VecEnv, score: Score) -> Non
 
 
 def titles_of_copies(run: RunFolder, env: Env) -> dict[str, str]:
-    """Return the name of the file that was copied into a run's folder, by the copy's title."""
+    """Return the original name of a score file copied into a run's folder, by the copy's title."""
     file, piano = run.read_provenance().get("score_file"), env.unwrapped
     if isinstance(file, str) and isinstance(piano, PianoEnv):
         return {piano.default_score.title: Path(file).stem}

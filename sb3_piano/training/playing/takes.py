@@ -1,4 +1,4 @@
-"""Takes: a player or the piece itself plays, into MIDI, sound and video; and plans in files."""
+"""Takes: play with a player or the score itself, write MIDI, sound and video; write plans."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from sb3_piano.viewing.take import Motion, Played, Progress, Take
 from sb3_piano.viewing.views import DEFAULT_PICTURE
 
 FILE_NAME = "performance"
-"""Name of the files, without their suffixes."""
+"""Name of the files, without suffixes."""
 
 
 def play_run(
@@ -50,26 +50,26 @@ def play_run(
     picture: Picture | None = DEFAULT_PICTURE,
     progress: Progress | None = None,
 ) -> Played:
-    """Let a run's saved model, or another player, play one episode, and write it down.
+    """Play one episode with a saved run or another player, and write MIDI, sound and video.
 
-    Writes ``performance.mid``, ``performance.wav`` and ``performance.mp4``, in place of those that
-    were there. A machine that cannot draw gets the first two.
+    Writes ``performance.mid``, ``performance.wav`` and ``performance.mp4``, and replaces former
+    ones. A machine that cannot render writes no video.
 
     Args:
         player: The run's folder, or the spec of another player, such as ``"sight-reader"``.
-        out: The folder to write into, see :func:`default_folder`.
-        env: Where it plays, as for :meth:`~sb3_piano.training.OpenPlayer.open`; so are the next
-            four.
-        seed: Seeds environment and player.
+        out: Output folder; by default :func:`default_folder`.
+        env: Environment, as for :meth:`~sb3_piano.training.OpenPlayer.open`, like the next four
+            arguments.
+        seed: Seed of environment and player.
         physics: Name of the physics profile.
-        score: What to play.
-        best: The metric of a run's best model.
-        picture: How the video looks; ``None`` for no video.
-        progress: Is told how far the video is.
+        score: Piece to play.
+        best: Metric of a run's best model.
+        picture: Settings of the video; ``None`` for no video.
+        progress: Called with the progress of the video.
 
     Raises:
         ConfigError: If a setting is out of range, or the run's config is damaged.
-        RunError: If there is no run, it has no model that can be loaded, it is no piano's, it
+        RunError: If there is no run, its model cannot be loaded, its environment is no piano, it
             cannot play the piece, or the folder cannot be written.
         ScoreError: If the score cannot be read, or a file cannot be written.
     """
@@ -88,11 +88,11 @@ def play_score(
     picture: Picture | None = DEFAULT_PICTURE,
     progress: Progress | None = None,
 ) -> Played:
-    """Let a piece play itself: keys go down in their fingers' colours while the hands rest.
+    """Show a score without a player: keys go down in their fingers' colours, the hands rest.
 
-    Writes the same files as :func:`play_run`, which show what should be played. Arguments and
-    errors are those of it; the score is what :func:`~sb3_piano.music.load_score` accepts, and goes
-    to ``play/<title>`` by default.
+    Writes the same files as :func:`play_run`, with the notes as written. Arguments and errors are
+    the same; :func:`~sb3_piano.music.load_score` reads the score, and the default folder is
+    ``play/<title>``.
     """
     piece = load_score(score)
     folder = default_folder(None, piece) if out is None else Path(out)
@@ -106,7 +106,7 @@ def play(
     seed: int = 0,
     **options: Any,
 ) -> Take:
-    """Let a player play a piece, and return what it made of it.
+    """Play a piece with a player, and return the take.
 
     ::
 
@@ -116,9 +116,9 @@ def play(
 
     Args:
         score: A file such as MIDI, the name of a piece, or a score.
-        player: Who plays, see :class:`~sb3_piano.players.PlayerSpec`.
-        seed: Seeds environment and player.
-        **options: Options of the environment, such as ``physics="fast"``; of a run only that one.
+        player: The player, see :class:`~sb3_piano.players.PlayerSpec`.
+        seed: Seed of environment and player.
+        **options: Options of the environment, such as ``physics="fast"``; for a run only that one.
 
     Raises:
         ConfigError: If there is no such player, or an option is not valid.
@@ -133,9 +133,9 @@ def play(
 
 
 def default_folder(player: OpenPlayer | None, score: Score | None) -> Path:
-    """Return where a take is kept: of a run in its folder, of others by piece and player.
+    """Return the default folder of a take: in the run's folder, or by piece and player.
 
-    Without a player a piece plays itself; without a score it is the player's own.
+    No player means the piece as written; no score means the player's own piece.
     """
     place = Path("play") if player is None or player.run is None else player.run.path / "play"
     if score is None and (player is None or player.run is not None):
@@ -146,13 +146,13 @@ def default_folder(player: OpenPlayer | None, score: Score | None) -> Path:
 
 
 def folder_of(take: Take) -> Path:
-    """Return where files that are made of a take are kept by default: by piece and player."""
+    """Return the default folder for files made from a take, by piece and player."""
     by = re.sub(r"[^\w.+-]+", "-", take.player.rpartition("/")[2]).strip("-")
     return Path("play", f"{_file_name(take.title)}-{by or 'take'}")
 
 
 def plan_file(env: EnvSpec) -> Path:
-    """Return where the plan of what is played there is kept by default.
+    """Return the default file of the plan of an environment's piece.
 
     Raises:
         ConfigError: If no piece is named.
@@ -167,9 +167,9 @@ def _file_name(title: str) -> str:
 
 
 def take_of(player: OpenPlayer, on_step: Callable[[int, int], object] | None = None) -> Take:
-    """Return an episode of a player.
+    """Play one episode and return it.
 
-    ``on_step`` is told how many control steps are over, and of how many.
+    ``on_step`` gets the number of finished control steps and their total.
 
     Raises:
         RunError: If its environment is no piano.
@@ -184,7 +184,7 @@ def take_of(player: OpenPlayer, on_step: Callable[[int, int], object] | None = N
 
 
 def take_of_score(score: Score, *, physics: str = "reference") -> Take:
-    """Return a piece that plays itself, exactly as it is written."""
+    """Return a take of a score exactly as written, with resting hands."""
     scene = compile_scene(physics=physics)
     roll = PianoRoll.from_score(score, PianoEnvConfig.control_timestep)
     qpos = np.tile(scene.model.qpos0, (len(roll) + 1, 1))
@@ -202,7 +202,7 @@ def take_of_score(score: Score, *, physics: str = "reference") -> Take:
     steps, tips = len(roll), np.zeros((len(qpos), NUM_FINGERS, 3))
     actions = np.zeros((steps, scene.model.nu), dtype=np.float32)
     motion = Motion(actions=actions, qpos=qpos, hand_qpos=scene.hand_qpos, fingertips=tips)
-    # Green would hide the fingers' colours, and here nothing can be wrong.
+    # Without judgement keys keep the fingers' colours; here no key can be wrong.
     return Take(
         title=score.title,
         metrics={},
@@ -220,9 +220,9 @@ class Planned(NamedTuple):
     piece: str
     """The piece's title."""
     passes: int
-    """Passes of refinement in all, those of before included."""
+    """Total passes of refinement, including earlier calls."""
     before: float
-    """F1 of the plan in simulation as it was before."""
+    """F1 of the plan in simulation before the refinement."""
     f1: float
     """F1 of the best plan."""
 
@@ -240,21 +240,21 @@ def write_plan(
 ) -> Planned:
     """Plan a piece and refine the plan, see :class:`~sb3_piano.planning.Refinement`.
 
-    The best plan is kept in the file after each pass. A plan that is there already is gone on with.
+    The best plan is written to the file after each pass. An existing plan is refined further.
 
     Args:
-        env: Where the piece is played.
-        file: The plan's file, which ``planned:plan=FILE`` follows.
+        env: Environment of the piece.
+        file: File of the plan, for ``planned:plan=FILE``.
         settings: Settings of a new plan.
-        seed: Of what refinement draws.
-        minutes: For how long to refine it at most, min of the clock.
-        passes: How often the piece is played at most; ``None`` for as long as there is time.
-        on_step: Is told how far a pass is.
-        should_stop: Whether to end soon.
+        seed: Seed of the refinement.
+        minutes: Limit of the refinement's wall-clock time, min.
+        passes: Limit of the number of passes; ``None`` for no limit.
+        on_step: Called with the progress of a pass.
+        should_stop: Returns whether to end soon.
 
     Raises:
         ConfigError: If the file holds another piece's plan, or something else.
-        RunError: If it cannot be written.
+        RunError: If the file cannot be written.
     """
     checked("seed", seed, Index)
     path = Path(file)

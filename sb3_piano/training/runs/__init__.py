@@ -1,1 +1,1 @@
-"""A run: its folder, what it is built of, training and cloning."""
+"""Runs: folder, environments, model, training and cloning."""

@@ -1,4 +1,4 @@
-"""From a config to environments and a model."""
+"""Build environments, model and callbacks from a config."""
 
 from __future__ import annotations
 
@@ -49,21 +49,21 @@ from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
 
 
 class EpisodeLog(Monitor):
-    """SB3's ``Monitor``, whose file is opened later, also in a process of its own.
+    """SB3's ``Monitor`` with a file opened later, also in another process.
 
-    A run's folder is only made once environment and model are known to work.
+    The run's folder does not exist until environment and model work.
     """
 
     def count_on(self, steps: int) -> None:
-        """Let the environment, and this, count control steps on from so many."""
-        self.total_steps = steps  # whoever asks a vector of environments is told this one
+        """Set the number of control steps done so far, here and in the environment."""
+        self.total_steps = steps  # a vector's get_attr reads this one
         if isinstance(self.unwrapped, PianoEnv):
             self.unwrapped.total_steps = steps
 
     def write_episodes_to(self, path: str, append: bool) -> None:
-        """Write each episode that ends from now on, without or after those that are there.
+        """Write each finished episode to a file; append to or replace former episodes.
 
-        Of the latter the file says since when times are counted, by which SB3 sorts the episodes.
+        When appending, the file's start time is kept, as SB3 sorts episodes by time.
         """
         file = Path(f"{path}.{Monitor.EXT}")
         append = append and file.is_file()
@@ -80,10 +80,10 @@ class EpisodeLog(Monitor):
 
 
 class _EpisodeFile(ResultsWriter):
-    """A file whose disk may be full.
+    """Results file that tolerates a full disk.
 
-    What the disk does not take waits in the file's buffer for the next row. No reason to end an
-    environment's process: if the disk stays full, the checkpoint says so.
+    Unwritten rows stay in the file's buffer until the next row. The environment's process goes
+    on; if the disk stays full, the checkpoint raises the error.
     """
 
     def write_row(self, epinfo: dict[str, float]) -> None:
@@ -96,7 +96,7 @@ class _EpisodeFile(ResultsWriter):
 
 
 def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> VecEnv:
-    """Return the vector of environments of a run.
+    """Build the vector of environments of a run.
 
     From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
     ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
@@ -118,7 +118,7 @@ def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> Vec
         "dummy": DummyVecEnv,
         "threads": ThreadVecEnv,
         "processes": ProcessVecEnv,
-        # Not SB3's SubprocVecEnv, which waits for ever for a process that was killed.
+        # Not SB3's SubprocVecEnv, which waits forever for a killed process.
         "subproc": partial(ProcessVecEnv, n_processes=config.n_envs),
     }
     venv = kinds[config.vec_env](makers)
@@ -131,9 +131,9 @@ def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> Vec
 
 
 def _check_same_observations(config: RunConfig, venv: VecEnv) -> None:
-    """Refuse environments that cannot be seen by one network; they are closed then.
+    """Close the environments and raise ConfigError if their observations differ.
 
-    Keys that an environment leaves out change no bound of its space where as many are left.
+    Equal spaces may show different keys if both leave out equally many, so columns are compared.
     """
     first, *others = venv.get_attr("observation_space")
     for index, space in enumerate(others, start=1):
@@ -146,17 +146,17 @@ def _check_same_observations(config: RunConfig, venv: VecEnv) -> None:
             continue
         venv.close()
         raise ConfigError(
-            f"With the piece {piece!r} {found}: expected wrappers that do not go by the piece."
+            f"With the piece {piece!r} {found}: expected wrappers that do not depend on the piece."
         )
 
 
 def _columns(space: Any) -> list[list[int]]:
-    """Return the columns that each block of an observation shows, if it has any."""
+    """Return the columns of each block of an observation space, if it has blocks."""
     return [block.all_columns.tolist() for block in getattr(space, "layout", {}).values()]
 
 
-def refuse_other_vectors(config: RunConfig, what: str) -> None:
-    """Refuse a run whose model does not act by what one environment observes.
+def require_single_agent(config: RunConfig, what: str) -> None:
+    """Check that a run's model acts on the observation of a single environment.
 
     Raises:
         ConfigError: If its ``vec_env_wrapper`` is another than HandsAsAgents; ``what`` begins the
@@ -171,7 +171,7 @@ def refuse_other_vectors(config: RunConfig, what: str) -> None:
 
 
 def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
-    """Return the new model of a run, on its environments."""
+    """Build a new model of a run on its environments."""
     arguments = algorithm_arguments(config)
     noise = _action_noise(config, venv)
     if noise is not None:
@@ -179,7 +179,7 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     policy = import_class(config.policy, BasePolicy) if "." in config.policy else config.policy
     try:
         model = config.algorithm(policy=policy, env=venv, seed=config.seed, **arguments)
-    # How SB3 and torch refuse arguments, or a device or the memory that they ask for.
+    # SB3 and torch reject arguments, devices and memory sizes with these.
     except (TypeError, ValueError, AssertionError, RuntimeError, MemoryError) as error:
         raise ConfigError(
             f"{config.algorithm.__name__} cannot be made for {config.env_id!r}: {one_line(error)}"
@@ -191,12 +191,12 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
 
 
 def build_callbacks(config: RunConfig) -> list[BaseCallback]:
-    """Return the callbacks that the config names."""
+    """Build the callbacks of the config."""
     return [plugin() for plugin in config.callback]
 
 
 def algorithm_arguments(config: RunConfig) -> dict[str, Any]:
-    """Return the arguments of the algorithm's constructor with classes and schedules made."""
+    """Return the arguments of the algorithm's constructor, with classes and schedules."""
     arguments = {}
     for name, value in config.algorithm_kwargs.items():
         start = linear_start(value)
@@ -220,7 +220,7 @@ def _action_noise(config: RunConfig, venv: VecEnv) -> ActionNoise | None:
 
 
 def normalized(config: RunConfig, venv: VecEnv) -> VecEnv:
-    """Return environments as a run normalises them."""
+    """Wrap environments in ``VecNormalize`` if the config normalises."""
     if config.normalize is False:
         return venv
     arguments = {} if isinstance(config.normalize, bool) else dict(config.normalize)
@@ -229,6 +229,6 @@ def normalized(config: RunConfig, venv: VecEnv) -> VecEnv:
         arguments.setdefault("gamma", gamma)
     shown = getattr(venv.observation_space, "spaces", {}).values()
     if any(is_image_space(one) and not is_image_space_channels_first(one) for one in shown):
-        # SB3 puts it outside, where the original observations of VecNormalize do not fit it.
+        # SB3 would add it outside VecNormalize, whose original observations do not fit it.
         venv = VecTransposeImage(venv)
     return VecNormalize(venv, **arguments)

@@ -1,4 +1,4 @@
-"""Runs that begin as clones of recorded performances."""
+"""Behavioural cloning of recorded performances into a run."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from minari import MinariDataset
 
 CLONABLE = ("sac", "td3", "tqc", "ddpg")
-"""Names of the algorithms whose actors can be cloned into."""
+"""Names of the algorithms that support cloning."""
 
 _PREFILL = "sb3_piano.callbacks.DemonstrationsCallback"
 
@@ -65,32 +65,33 @@ def clone(
     buffer: int = DEFAULT_BUFFER,
     on_epoch: Callable[[float], object] = lambda loss: None,
 ) -> CloneResult:
-    """Make a run whose model imitates a data set, in the data set's environment.
+    """Train a model by behavioural cloning of a data set, in the data set's environment.
 
-    The folder is like that of a training which has done no step yet, but with a model: it can be
-    played and evaluated, and resuming it trains the model on.
+    The run has a model and 0 training steps: it can be played and evaluated, and resuming it trains
+    the model further.
 
     Args:
-        dataset: A Minari data set or its name, or a corpus or its folder, of whose pieces those
-            that are played then are drawn.
+        dataset: A Minari data set or its name, or a corpus or its folder. The run draws its pieces
+            from a corpus's pieces.
         algo: Name of the algorithm, one of :data:`CLONABLE`.
         folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
-        runs_dir: Where runs are kept.
-        config: A YAML file of hyperparameters for training on; by default the algorithm's preset.
+        runs_dir: Folder of all runs.
+        config: A YAML file of hyperparameters for later training; by default the algorithm's
+            preset.
         net_arch: Sizes of the hidden layers.
-        normalize: Whether observations are normalised, with the data set's statistics. Without, an
-            actor plays much less well after the same time.
-        prefill: Whether training on begins with the data set in the replay buffer, and learns from
-            it at once.
-        seed: Seed of the run; by default drawn, and noted down.
-        epochs: How often to go through the data set.
-        batch_size: Transitions of an update.
-        learning_rate: Learning rate at the beginning.
-        buffer: Transitions that are held in memory; a larger corpus is read again in each epoch.
-        on_epoch: Is called with the loss of each epoch.
+        normalize: Whether to normalise observations with the data set's statistics. Without it, an
+            actor plays much worse after the same time.
+        prefill: Whether later training starts with the data set in the replay buffer and learns
+            from it at once.
+        seed: Seed of the run; by default drawn and saved.
+        epochs: Number of passes over the data set.
+        batch_size: Transitions per update.
+        learning_rate: Initial learning rate.
+        buffer: Transitions in memory; a larger corpus is read again in each epoch.
+        on_epoch: Called with the loss of each epoch.
 
     Raises:
-        ConfigError: If there is no such data set, it does not tell its environment, or a setting is
+        ConfigError: If there is no such data set, it does not name its environment, or a setting is
             not valid.
         RunError: If the folder cannot be used.
         MissingPackageError: If Minari is not installed.
@@ -133,7 +134,7 @@ def clone(
     ):
         model = build_model(settings, venv)
         with RunFolder.making(settings, folder, runs_dir) as run:
-            # Before its model is there, it is no run that could be gone on with.
+            # Without config.yml it is no run that could be resumed before its model exists.
             written = run.read_config()
             run.config_file.unlink()
             cloning = clone_behaviour(
@@ -146,7 +147,7 @@ def clone(
                 seed=seed,
                 on_epoch=on_epoch,
             )
-            run.checkpoint_dir.mkdir()  # that of a training which has done no step yet
+            run.checkpoint_dir.mkdir()  # the checkpoint of a training at step 0
             saved = Checkpoint.save(model, run.checkpoint_dir, settings.labels)
             saved.copy_model(run.checkpoint_dir, run.model_file)
             facts = {"dataset": name, "epochs": epochs, "batch_size": batch_size}
@@ -157,7 +158,7 @@ def clone(
 
 
 def _environment(dataset: MinariDataset) -> EnvSpec:
-    """Return how to make the environment of a data set, without what disturbed it."""
+    """Return the environment spec of a data set, without its perturbations."""
     if dataset.env_spec is None:
         raise ConfigError(
             f"Data set {dataset.id!r} does not tell its environment: expected one that 'sb3-piano "
@@ -172,7 +173,7 @@ def _environment(dataset: MinariDataset) -> EnvSpec:
 
 
 def _in_environment(spec: EnvSpec, config: RunConfig) -> RunConfig:
-    """Return the settings with the arguments and wrappers of an environment, and no others."""
+    """Return the settings with exactly an environment's arguments and wrappers."""
     registered = gym.spec(spec.id)
     unchanged = registered.kwargs.items()
     changed = {name: v for name, v in spec.kwargs.items() if (name, v) not in unchanged}

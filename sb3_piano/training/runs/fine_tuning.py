@@ -1,4 +1,4 @@
-"""Settings of trainings that begin with what plays already."""
+"""Settings for fine-tuning: training corrections to a base player."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ def load_fine_tuning(
     player: str | os.PathLike[str] = SIGHT_READER,
     **overrides: Any,
 ) -> RunConfig:
-    """Return the hyperparameters with which an algorithm corrects what plays already.
+    """Load the hyperparameters for training corrections to a base player.
 
     Args:
         algo: Name of the algorithm.
-        env_id: Id of the environment, or ``module:Id``; by default that of the run, if one is
-            corrected.
-        path: A YAML file as of :func:`load_config` with what is to be different from the preset.
-        player: One of :data:`~sb3_piano.players.CORRECTED`, by default the sight-reader that comes
-            with this package; the file of another network, or a folder with a
-            ``hand.safetensors``; or the folder of a run, whose environment and wrappers are kept,
-            but for the preset's physics, and for its piece if another environment is named.
-        **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
+        env_id: Id of the environment, or ``module:Id``; by default the environment of a corrected
+            run.
+        path: A YAML file as in :func:`load_config` with changes to the preset.
+        player: One of :data:`~sb3_piano.players.CORRECTED`, by default this package's sight-reader;
+            the file of another network, or a folder with a ``hand.safetensors``; or the folder of a
+            run. A run's environment and wrappers are kept, except for the preset's physics, and
+            for its piece if another environment is named.
+        **overrides: Keys that replace the entry's. ``env_kwargs`` are added to the entry's.
 
     Raises:
-        ConfigError: As :func:`load_config`; or if there is no preset for the algorithm, no such
+        ConfigError: As in :func:`load_config`; or if there is no preset for the algorithm, no such
             network, the entry has wrappers without :class:`~sb3_piano.players.PlayerResidual`, or
-            there is no environment.
+            no environment is given.
         RunError: If the folder is no run.
     """
     refuse_unknown([algo], FINE_TUNING, "algorithm for fine-tuning")
@@ -61,7 +61,7 @@ def load_fine_tuning(
     if env_id is None and base is None:
         raise ConfigError(
             f"Nothing to play with '{player}': expected the id of an environment (--env) or a "
-            "piece (--midi); only a run that is corrected brings its own."
+            "piece (--midi); only a corrected run has its own."
         )
     played = base.env.full_id if base is not None and env_id is None else str(env_id)
     settings = overrides if path is None else overlaid(path, played, overrides)
@@ -74,17 +74,16 @@ def load_fine_tuning(
     if player != SIGHT_READER and player in CORRECTED:
         return config.with_env(config.env.correcting(player=player))
     network = os.fspath(SHIPPED if player == SIGHT_READER else player)
-    HandModel.load(network)  # what is wrong with it is told before processes are started
+    HandModel.load(network)  # raise its errors before processes are started
     return config.with_env(config.env.correcting(model=network))
 
 
 def _of_run(
     config: RunConfig, base: EnvSpec, folder: Path, given: dict[str, Any], others: bool
 ) -> RunConfig:
-    """Return the settings with the environment of a run, and its model in the player's place.
+    """Return the settings with a run's environment and its model as the base player.
 
-    ``given`` are options to take before the run's; ``others`` is whether it is to play something
-    else than it does.
+    ``given`` options override the run's; ``others`` is whether other pieces are played.
     """
     kinds = [import_name(plugin.path) for plugin in config.env_wrapper]
     at = next((n for n, kind in enumerate(kinds) if issubclass(kind, Residual)), len(kinds))
@@ -102,7 +101,7 @@ def _of_run(
     )
     if options.get("observation") == "hands" and not options.get("observation_blocks"):
         return corrected
-    # Of other observations no half is a hand's: one network sees and corrects both at once.
+    # Other observations have no halves by hand: one network corrects both hands.
     arguments = config.algorithm_kwargs
     policy = {**arguments.get("policy_kwargs", {}), "n_hands": 1}
     alone = {**arguments, "policy_kwargs": policy}
@@ -110,7 +109,7 @@ def _of_run(
 
 
 def _scale(corrects: type, arguments: Mapping[str, Any]) -> dict[str, float]:
-    """Return how far a wrapper lets an agent correct, as an argument of RunResidual."""
+    """Return the range of a wrapper's corrections as an argument of RunResidual."""
     if "scale" not in arguments:
         return {}
     scale = checked("scale", arguments["scale"], Positive)

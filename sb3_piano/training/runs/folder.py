@@ -1,4 +1,4 @@
-"""The folder of a run: where everything stands that training makes."""
+"""Folder of a run, with all files of its training."""
 
 from __future__ import annotations
 
@@ -33,41 +33,41 @@ from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.unfinished import PARTIAL_SUFFIX
 
 _MOST_BYTES = 2**30
-"""Most bytes of a network's file that is copied."""
+"""Largest size of a copied network file, bytes."""
 
 _MOST_IN_WRAPPER = 100_000
-"""Largest number among the arguments of a wrapper in the settings of an exported run."""
+"""Largest number in the arguments of an exported run's wrappers."""
 
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """A run's folder; ``create`` makes one, ``open`` finds one.
+    """Folder of a run; ``create`` makes a new one, ``open`` opens an existing one.
 
     ======================== =====================================================================
     ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in
     ``run.yml``              command line, versions of packages, seed, threads of torch, time, the
                              score file's origin
-    ``score.<suffix>``       the score that is played, if the run was given a file or an imported
-                             piece; likewise ``fingering.<suffix>``, a file of finger labels
+    ``score.<suffix>``       the score, if the run was given a file or an imported piece; likewise
+                             ``fingering.<suffix>``, a file of finger labels
     ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any
-    ``policy.safetensors``   in place of both, in a run that was exported to be played
+    ``policy.safetensors``   replaces both files in an exported run
     ``hand.safetensors``     the network of a hand that plays any piece as a sight-reader, if the
                              run was given one, or was exported and its policy has one
-    ``base/``                what is corrected, if it is the model of another run: that, exported
-    ``pieces/``              copies of the pieces that are files or imported, if an exported run has
+    ``base/``                the exported base run, if the model corrects another run
+    ``pieces/``              copies of pieces that are files or imported, if an exported run has
                              several
-    ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
+    ``checkpoint/``          files for resuming, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
                              episodes since the last checkpoint, which are then played again
     ``tensorboard/``         the training's log
-    ``best_<metric>/``       the best model by a metric, if the run has a callback that looks for it
-    ``videos/``              what the model played now and then, if the run has a callback for it
-    ``evaluation/``          what :func:`~sb3_piano.training.evaluate` wrote, and the report
-    ``play/``                what :func:`~sb3_piano.training.play_run` wrote
-    ``.lock``                there while a process trains, and locked by it
-    ``.unfinished``          there until the folder is whole, see :meth:`making`
+    ``best_<metric>/``       the best model by a metric, if a callback saves it
+    ``videos/``              videos of the training, if a callback records them
+    ``evaluation/``          files of :func:`~sb3_piano.training.evaluate`, and the report
+    ``play/``                files of :func:`~sb3_piano.training.play_run`
+    ``.lock``                exists while a process trains, and is locked by it
+    ``.unfinished``          exists until the folder is complete, see :meth:`making`
     ======================== =====================================================================
     """
 
@@ -96,8 +96,8 @@ class RunFolder:
     ) -> RunFolder:
         """Make the folder of a new run, with config, provenance and score file.
 
-        Without a path it is ``<runs_dir>/<algo>/<env-id>_<n>`` with the first ``n`` from 1 on that
-        is free. What a process that was killed had begun there is made anew.
+        The default path is ``<runs_dir>/<algo>/<env-id>_<n>`` with the first free ``n`` from 1. The
+        unfinished folder of a killed process is made anew.
 
         Raises:
             RunError: If the folder is in use, or cannot be made or written.
@@ -113,10 +113,10 @@ class RunFolder:
         path: str | os.PathLike[str] | None = None,
         runs_dir: str | os.PathLike[str] = "runs",
     ) -> Iterator[RunFolder]:
-        """Make the folder of a new run, which the block completes, or is gone if that fails.
+        """Yield the folder of a new run; it is deleted if the block fails.
 
-        Arguments and errors are those of :meth:`create`. Meanwhile ``.unfinished`` is there: it
-        stays if the process is killed, and tells that all in the folder may be made anew.
+        Arguments and errors are as for :meth:`create`. During the block ``.unfinished`` exists. It
+        stays if the process is killed; the whole folder may then be made anew.
         """
         place = Path(runs_dir, config.algo) if path is None else Path(path)
         with contextlib.ExitStack() as held:
@@ -137,13 +137,13 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> RunFolder:
-        """Return the folder of a run, which has to be there."""
+        """Open the folder of an existing run."""
         folder = cls(Path(path))
         try:
             there = stat.S_ISDIR(os.stat(folder.path).st_mode)
-        except PermissionError:  # which is told as such
+        except PermissionError:  # reported as such
             raise
-        except (OSError, ValueError):  # there is none, or can be none, of that name
+        except (OSError, ValueError):  # no such folder, or an impossible name
             there = False
         if not there:
             raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
@@ -155,11 +155,11 @@ class RunFolder:
 
     @property
     def has_begun(self) -> bool:
-        """Whether a run was made here, which can be gone on with."""
+        """Whether the folder has a run that can be resumed."""
         return self.config_file.is_file() and not self.unfinished_file.exists()
 
     def _check_finished(self) -> None:
-        """Refuse a folder that another process has not finished, and may have left so."""
+        """Raise RunError for a folder that another process left unfinished."""
         with contextlib.suppress(FileNotFoundError):
             noted = read_file(self.unfinished_file, 2**17).decode(errors="replace")
             process, _, command = noted.partition("\n")
@@ -170,18 +170,18 @@ class RunFolder:
                 )
 
     def owned(self) -> AbstractContextManager[None]:
-        """Keep other processes from training in this folder; all may read it meanwhile."""
+        """Lock the folder against training by other processes; they may still read it."""
         return hold(
             self.path / LOCK_SUFFIX,
             f"Run '{self.path}' is being trained",
-            "one training in a folder. Wait for its end or stop it; then go on with: sb3-piano "
+            "one training per folder. Wait for its end or stop it; to resume it: sb3-piano "
             f"train --resume {shlex.quote(str(self.path))}",
         )
 
     def forget_unfinished(self) -> None:
         """Delete half-written models of a killed process.
 
-        Those in ``checkpoint/`` the checkpoint deletes itself.
+        The checkpoint deletes those in ``checkpoint/``.
         """
         for pattern in (f"*{PARTIAL_SUFFIX}", f"best_*/*{PARTIAL_SUFFIX}"):
             for file in self.path.glob(pattern):
@@ -189,22 +189,22 @@ class RunFolder:
                 file.unlink(missing_ok=True)
 
     def best_dir(self, metric: str) -> Path:
-        """Return where the best model by a metric is, if there is one."""
+        """Return the folder of the best model by a metric, existing or not."""
         return self.path / f"best_{metric}"
 
     def best_metrics(self) -> list[str]:
-        """Return the metrics by which there are best models."""
+        """Return the metrics with a saved best model."""
         found = self.path.glob("best_*/best_model.zip")
         return sorted(file.parent.name.removeprefix("best_") for file in found)
 
     def read_config(self, exported: bool | None = None) -> RunConfig:
-        """Return the run's settings; a score file is that of the folder, wherever it is now.
+        """Read the run's settings; paths of files in the folder are updated to its present place.
 
-        Those of an ``exported`` run, by default of a folder with weights as plain arrays, may name
-        only classes of known packages, and nothing in its folder may be unpickled.
+        The settings of an ``exported`` run (default: a folder with weights as plain arrays) may
+        name only classes of known packages, and none of its files may need unpickling.
 
         Raises:
-            ConfigError: If they are damaged, or name anything else.
+            ConfigError: If they are damaged, or name other classes.
             RunError: If an exported run would have to be unpickled.
         """
         if not (os.path.isfile(self.weights_file) if exported is None else exported):
@@ -214,14 +214,14 @@ class RunFolder:
         for wrapper in (*config.env_wrapper, *config.vec_env_wrapper):
             _check_numbers(wrapper.kwargs, f"'{self.config_file}': {wrapper.path}")
         for text in _texts(config.algorithm_kwargs):
-            if is_dotted(full_name(text)):  # it would be imported when the model is made
+            if is_dotted(full_name(text)):  # making the model would import it
                 with naming(f"'{self.config_file}'"), known_packages_only():
                     import_name(text)
         if not os.path.isfile(self.weights_file):
             raise RunError(
                 f"'{self.path}' has no {self.weights_file.name}, and its model could only be "
-                "unpickled: expected a folder that 'sb3-piano export' wrote. Of people whom "
-                "you trust, OpenPlayer.open and the commands load any run."
+                "unpickled: expected a folder that 'sb3-piano export' wrote. OpenPlayer.open and "
+                "the commands load any run; use them for people you trust."
             )
         base = config.env.base
         if base is not None:
@@ -247,15 +247,15 @@ class RunFolder:
         return config.with_env(config.env.with_files(self._inside(config.env.files)))
 
     def _inside(self, files: Mapping[str, str]) -> dict[str, str]:
-        """Return those of some files that are in this folder, wherever it is now."""
+        """Return the files that exist in this folder, with their present paths."""
         found = {name: self.path / file for name, file in files.items()}
         there = {BASE: os.path.isdir}
         return {n: str(path) for n, path in found.items() if there.get(n, os.path.isfile)(path)}
 
     def read_player(self) -> tuple[PlayerSpec, EnvSpec] | None:
-        """Return who plays, and where, in a folder that ``plan`` made for a player in version 0.2.
+        """Read player and environment of a folder that ``plan`` of version 0.2 made for a player.
 
-        Such a player has no folder any more; ``None`` if this is a run that was trained.
+        Players have no such folders any more; ``None`` for a trained run.
         """
         with contextlib.suppress(ConfigError):
             content = read_yaml_mapping(self.config_file)
@@ -273,7 +273,7 @@ class RunFolder:
         return None
 
     def write_config(self, config: RunConfig) -> None:
-        """Write the run's settings, a score file in this folder as a name relative to it."""
+        """Write the run's settings; files in this folder become relative paths."""
         files = config.env.files.items()
         ours = {n: Path(f).name for n, f in files if Path(f).parent == self.path}
         mapping = config.with_env(config.env.with_files(ours)).to_mapping()
@@ -282,7 +282,7 @@ class RunFolder:
         write_yaml(self.config_file, mapping)
 
     def keep_pieces(self) -> None:
-        """Copy pieces that are files or imported, so that the folder needs no other place."""
+        """Copy pieces that are files or imported, so that the folder is self-contained."""
         config, library = self.read_config(), Library()
         kept = list(config.pieces)
         for number, piece in enumerate(kept):
@@ -296,25 +296,25 @@ class RunFolder:
         self.write_config(replace(config, pieces=tuple(kept)))
 
     def _found(self, piece: Any) -> Any:
-        """Return the path of a piece that is in the folder, all else as it is."""
+        """Return the absolute path of a piece in the folder; other pieces are unchanged."""
         inside = self.path.absolute() / str(piece)
         return str(inside) if os.path.isfile(inside) else piece
 
     def _relative(self, piece: str) -> str:
-        """Return a path relative to the folder if it is in it, all else as it is."""
+        """Return the relative path of a piece in the folder; other pieces are unchanged."""
         place = self.path.absolute()
         inside = is_path(piece) and Path(piece).is_relative_to(place)
         return Path(piece).relative_to(place).as_posix() if inside else piece
 
     def read_provenance(self) -> Mapping[str, Any]:
-        """Return what is noted of the run's origin; nothing if that is gone or damaged."""
+        """Read the run's provenance; empty if it is missing or damaged."""
         try:
             return read_yaml_mapping(self.provenance_file)
         except ConfigError:
             return {}
 
     def write_provenance(self, notes: Mapping[str, Any]) -> None:
-        """Note where the run comes from, in YAML's types."""
+        """Write the run's provenance, in YAML's types."""
         write_yaml(self.provenance_file, dict(notes))
 
     def _write(self, config: RunConfig) -> None:
@@ -336,7 +336,7 @@ class RunFolder:
 
 
 def _origin(option: str, file: Path) -> str:
-    """Return where a file comes from, through the folders of runs that copied it."""
+    """Return the original path of a file that runs may have copied."""
     run = RunFolder(file.parent)
     if os.path.isfile(run.config_file) and file.stem == option:
         return str(run.read_provenance().get(f"{option}_file", file))
@@ -344,12 +344,12 @@ def _origin(option: str, file: Path) -> str:
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """Yield every text in a plain value."""
+    """Yield all texts in a plain value."""
     return (item for item in _items(value) if isinstance(item, str))
 
 
 def _check_numbers(arguments: Mapping[str, Any], place: str) -> None:
-    """Refuse arguments of a shared run's wrapper that would fill the memory, as of a frame stack.
+    """Check an exported run's wrapper for numbers that could exhaust memory (frame stacks).
 
     Raises:
         ConfigError: If a number is too large.
@@ -363,7 +363,7 @@ def _check_numbers(arguments: Mapping[str, Any], place: str) -> None:
 
 
 def _items(value: Any) -> Iterator[Any]:
-    """Yield every text and number in a plain value."""
+    """Yield all texts and numbers in a plain value."""
     if isinstance(value, (Mapping, list, tuple)):
         for item in value.values() if isinstance(value, Mapping) else value:
             yield from _items(item)
@@ -372,7 +372,7 @@ def _items(value: Any) -> Iterator[Any]:
 
 
 def _claim_next(held: contextlib.ExitStack, parent: Path, env_id: str) -> RunFolder:
-    """Return the first ``<env-id>_<n>`` that is free, by :func:`_claim`; safe against rivals."""
+    """Claim the first free ``<env-id>_<n>`` by :func:`_claim`, safely among processes."""
     parent.mkdir(parents=True, exist_ok=True)
     for number in itertools.count(1):
         path = parent / f"{env_id.replace('/', '-')}_{number}"
@@ -380,7 +380,7 @@ def _claim_next(held: contextlib.ExitStack, parent: Path, env_id: str) -> RunFol
             path.mkdir()
         except FileExistsError:
             if RunFolder(path).unfinished_file.exists():
-                with contextlib.suppress(RunError):  # it is being made
+                with contextlib.suppress(RunError):  # another process is making it
                     return _claim(held, path)
             continue
         return _claim(held, path)
@@ -388,7 +388,7 @@ def _claim_next(held: contextlib.ExitStack, parent: Path, env_id: str) -> RunFol
 
 
 def _claim(held: contextlib.ExitStack, path: Path) -> RunFolder:
-    """Return a folder, new or emptied of what was unfinished, that is owned and unfinished."""
+    """Lock a new folder, or an emptied unfinished one, and mark it as unfinished."""
     path.mkdir(parents=True, exist_ok=True)
     keep_inside(path)
     run = RunFolder(path)
@@ -406,21 +406,21 @@ def _claim(held: contextlib.ExitStack, path: Path) -> RunFolder:
     return run
 
 
-def _go_on(run: RunFolder) -> str:
-    """Return a sentence with the command that goes on with a run; nothing if there is none."""
+def _resuming(run: RunFolder) -> str:
+    """Return a sentence with the command that resumes a run; empty if it cannot be resumed."""
     algo, path = None, shlex.quote(str(run.path))
     with contextlib.suppress(ConfigError):
         algo = read_yaml_mapping(run.config_file).get("algo")
     if algo in PLANNERS or os.path.exists(run.weights_file):
         return ""
-    return f" To go on with that run: sb3-piano train --resume {path}"
+    return f" To resume that run: sb3-piano train --resume {path}"
 
 
 def _check_empty(path: Path) -> None:
     run = RunFolder(path)
     if os.path.exists(run.config_file):
         raise RunError(
-            f"Folder '{path}' holds a run already: expected a new or empty folder.{_go_on(run)}"
+            f"Folder '{path}' holds a run already: expected a new or empty folder.{_resuming(run)}"
         )
     if not is_empty(path):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")

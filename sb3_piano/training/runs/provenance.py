@@ -1,4 +1,4 @@
-"""Where the folder of a run comes from."""
+"""Provenance of a run: command, time, seed and versions."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy",
 
 
 def provenance(seed: int | None) -> dict[str, Any]:
-    """Return what the folder of a run with this seed notes beside the config, in YAML's types."""
-    import torch  # here, as players, whose versions are noted, do without
+    """Return the content of a run's ``run.yml``, in YAML's types."""
+    import torch  # here, as players need no torch
 
     return {
         "command": shlex.join(sys.orig_argv),
@@ -32,7 +32,7 @@ def provenance(seed: int | None) -> dict[str, Any]:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the versions of the packages that are installed, reading their metadata once."""
+    """Return the versions of the installed packages; their metadata are read once."""
     found = {"sb3_piano": sb3_piano.__version__}
     for package in _PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # players need few

@@ -1,7 +1,7 @@
-"""Saved models: SB3's own files, or weights as plain arrays.
+"""Load and save models: SB3's own files, or weights as plain arrays.
 
-An exported run has its weights in a safetensors file: reading one runs no code, unlike unpickling
-what Stable-Baselines3 saves.
+An exported run has its weights in a safetensors file. Reading it runs no code, unlike unpickling
+files of Stable-Baselines3.
 """
 
 from __future__ import annotations
@@ -47,16 +47,15 @@ _FIELDS = ("mean", "var", "count")
 def model_files(
     run: RunFolder, config: RunConfig, best: str | None = None
 ) -> tuple[Path, Path | None]:
-    """Return the file of a model, and that of ``VecNormalize`` if the run normalises.
+    """Return the file of a model, and the file of ``VecNormalize`` if the run normalises.
 
-    Both are of one checkpoint: of files that a killed process left half replaced, those in
-    ``checkpoint/`` are returned.
+    Both are of one checkpoint: if a killed process left only one of them replaced, the files in
+    ``checkpoint/`` are returned. They are a zip file and a pickle, or an exported run's weights.
 
-    A zip file and a pickle, or of an exported run its weights. ``best`` is the metric by which the
-    model is the best; by default it is the newest one.
+    ``best`` is the metric of the best model; by default it is the newest model.
     """
     normalizes = config.normalize is not False
-    if run.weights_file.is_file():  # then nothing is unpickled, whatever else the folder holds
+    if run.weights_file.is_file():  # then no other file of the folder is unpickled
         if best is not None:
             raise RunError(
                 f"Run '{run.path}' was exported with one model, and has no best one by {best!r}: "
@@ -77,8 +76,8 @@ def model_files(
     if is_pair and saved is None:
         raise RunError(
             f"'{model}' and '{statistics.name}' beside it were saved after different numbers of "
-            "steps, as a process leaves them that is killed in between: expected files of one "
-            "checkpoint. Training on writes both anew."
+            "steps, as after a killed process: expected files of one checkpoint. Resuming the "
+            "training writes both again."
         )
     if best is not None:
         known = run.best_metrics()
@@ -92,7 +91,7 @@ def model_files(
         raise RunError(
             f"Run '{run.path}' has no model: expected {run.model_file.name}"
             f"{f' and {run.statistics_file.name}' if normalizes else ''}, written with the first "
-            "checkpoint. To go on with it: sb3-piano train --resume "
+            "checkpoint. To resume it: sb3-piano train --resume "
             f"{shlex.quote(str(run.path))}"
         )
     pickled = saved.vec_normalize
@@ -101,11 +100,11 @@ def model_files(
 
 
 _PACKED_TIMES = 16
-"""How many times larger than its file a model may be: SB3 packs nothing at all."""
+"""Largest ratio of a model's unpacked size to its file: SB3 does not compress."""
 
 
 def _check_archive(path: Path) -> None:
-    """Refuse an archive that unpacks to far more than it has."""
+    """Raise ValueError for an archive that unpacks to far more than its size."""
     check_file(path)
     size, small = path.stat().st_size, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
     with zipfile.ZipFile(path) as archive:
@@ -116,7 +115,7 @@ def _check_archive(path: Path) -> None:
 
 
 class _Bounded(TorchDispatchMode):
-    """Lets a model be made of so many numbers, so that its settings cannot ask for any more."""
+    """Torch mode that limits how many numbers a model may allocate, whatever its settings."""
 
     _MAKES = tuple(getattr(torch.ops.aten, n) for n in ("empty", "new_empty", "zeros", "ones"))
 
@@ -128,7 +127,7 @@ class _Bounded(TorchDispatchMode):
         del types
         if func.overloadpacket in self._MAKES:
             shape = args[1 if func.overloadpacket is torch.ops.aten.new_empty else 0]
-            self._left -= math.prod(shape) + 64  # an object is not made of nothing
+            self._left -= math.prod(shape) + 64  # the cost of an object itself
             if self._left < 0:
                 raise ValueError(
                     "it would have more numbers than its file of weights: expected the settings "
@@ -138,20 +137,20 @@ class _Bounded(TorchDispatchMode):
 
 
 def _are_of_one_checkpoint(model: Path, statistics: Path) -> bool:
-    """Return whether a model and statistics were saved together, as far as they tell."""
+    """Return whether a model and statistics were saved together, as far as known."""
     try:
         _check_archive(model)
         with zipfile.ZipFile(model) as archive, statistics.open("rb") as file:
             saved_after = vars(pickle.load(file)).get(SAVED_AFTER)
             return saved_after in (None, json.loads(archive.read("data"))["num_timesteps"])
-    except Exception:  # damaged files fail in any way; loading them tells it
+    except Exception:  # damaged files fail in any way; loading them raises the error
         return True
 
 
 def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> BaseAlgorithm:
-    """Return a saved model on the given environments; ``changes`` are attributes of it.
+    """Load a saved model on the given environments; ``changes`` set attributes of it.
 
-    Like all of SB3's its zip file is unpickled: load only what you trust.
+    Its zip file is unpickled, as all of SB3's are: load only files you trust.
     """
     device = config.algorithm_kwargs.get("device", "auto")
     try:
@@ -165,7 +164,7 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
 
 
 def load_to_play(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm:
-    """Return the model of a run, of :func:`model_files`, without what only training needs."""
+    """Load a run's model from :func:`model_files`, without state that only training needs."""
     # A replay buffer would be as large as in training.
     off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
     if path.suffix != ".safetensors":
@@ -173,9 +172,9 @@ def load_to_play(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm:
     tensors, num_timesteps = read_weights(path, config)
     small = {"buffer_size": 2 * venv.num_envs} if off_policy else {"n_steps": 2}  # two rows
     arguments = {**config.algorithm_kwargs, **small}
-    with warnings.catch_warnings():  # that so few steps are no batch
+    with warnings.catch_warnings():  # SB3 warns that so few steps are no batch
         warnings.simplefilter("ignore", UserWarning)
-        # Each is made a second time while its first values are drawn.
+        # Initialisation allocates each tensor a second time.
         with _Bounded(2**20 + 4 * sum(tensor.numel() for tensor in tensors.values())):
             model = build_model(dataclasses.replace(config, algorithm_kwargs=arguments), venv)
     state = {n.removeprefix(_POLICY): t for n, t in tensors.items() if n.startswith(_POLICY)}
@@ -190,11 +189,13 @@ def load_to_play(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm:
     return model
 
 
-def act(model: Player, venv: VecEnv, observation: Any, *arguments: Any) -> tuple[Any, Any]:
-    """Return what a model plays for what one environment shows, and its state.
+def predict_single(
+    model: Player, venv: VecEnv, observation: Any, *arguments: Any
+) -> tuple[Any, Any]:
+    """Call ``predict`` for one environment, without a batch dimension.
 
     ``venv`` is the vector of that environment; where hands are agents, each observes its half.
-    ``arguments`` are those of ``predict`` after the observation.
+    ``arguments`` are the other arguments of ``predict``.
     """
     agents = venv.num_envs
     seen = observation.reshape(agents, -1) if agents > 1 else observation
@@ -205,7 +206,7 @@ def act(model: Player, venv: VecEnv, observation: Any, *arguments: Any) -> tuple
 
 
 def load_statistics(config: RunConfig, path: Path | None, venv: VecEnv) -> None:
-    """Set the statistics of ``VecNormalize``, of :func:`model_files`, if there are any."""
+    """Load the statistics of ``VecNormalize`` from :func:`model_files`, if there are any."""
     if path is None or not isinstance(venv, VecNormalize):
         return
     if path.suffix == ".safetensors":
@@ -224,7 +225,7 @@ def load_statistics(config: RunConfig, path: Path | None, venv: VecEnv) -> None:
 
 
 def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
-    """Return a model's weights and its environment's statistics as a safetensors file."""
+    """Serialise a model's weights and its environment's statistics to safetensors."""
     # Copies, since safetensors refuses tensors that share memory, as shared extractors do.
     tensors = {_POLICY + n: t.detach().cpu().clone() for n, t in model.policy.state_dict().items()}
     normalizer = model.get_vec_normalize_env()
@@ -236,9 +237,9 @@ def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
 
 
 def read_weights(path: Path, config: RunConfig) -> tuple[Tensors, int]:
-    """Return the tensors of a file of :func:`pack_weights`, and the steps trained for."""
+    """Read the tensors of a file of :func:`pack_weights`, and the steps of training."""
     try:
-        read_shapes(path)  # what is no file, or has a header without end, is refused
+        read_shapes(path)  # refuses what is no file, and endless headers
         with safetensors.safe_open(path, framework="pt") as file:
             facts = dict(file.metadata() or {})
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
@@ -257,7 +258,7 @@ def read_weights(path: Path, config: RunConfig) -> tuple[Tensors, int]:
 
 
 def _digest(tensors: Tensors, facts: Mapping[str, str]) -> str:
-    """Return a checksum of all that a file holds; safetensors has none of its own."""
+    """Return a checksum of all tensors and facts; safetensors has none of its own."""
     digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode())
     for name in sorted(tensors):
         tensor = tensors[name].contiguous()
@@ -267,7 +268,7 @@ def _digest(tensors: Tensors, facts: Mapping[str, str]) -> str:
 
 
 def _statistics(normalizer: VecNormalize) -> Iterator[tuple[str, RunningMeanStd, str]]:
-    """Yield the name of each statistic of ``VecNormalize``, what has it, and as which attribute."""
+    """Yield each statistic of ``VecNormalize``: its name, its owner and its attribute."""
     observed = normalizer.obs_rms if normalizer.norm_obs else {}
     several = observed if isinstance(observed, dict) else {}
     found = {"returns": normalizer.ret_rms, **{f"observations.{k}": v for k, v in several.items()}}
@@ -284,7 +285,7 @@ def _normalization_tensors(normalizer: VecNormalize) -> Iterator[tuple[str, torc
 
 
 def _put_normalization(tensors: Tensors, normalizer: VecNormalize) -> None:
-    """Set the statistics."""
+    """Set the statistics of ``VecNormalize`` from tensors."""
     found = {name: t for name, t in tensors.items() if name.startswith(_NORMALIZATION)}
     wanted = dict(_normalization_tensors(normalizer))
     if found.keys() != wanted.keys():

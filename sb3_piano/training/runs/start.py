@@ -1,4 +1,4 @@
-"""Start of a training from what another run has learnt."""
+"""Start a training from the model of another run."""
 
 from __future__ import annotations
 
@@ -34,19 +34,18 @@ _log = logging.getLogger(__name__)
 
 _START = "sb3_piano.training.StartFromRun"
 
-# SB3's names of what SAC, TQC and CrossQ learn beside their networks.
+# SB3's names of the learnt entropy coefficient of SAC, TQC and CrossQ.
 _ENTROPY, _ENTROPY_OPTIMIZER = "log_ent_coef", "ent_coef_optimizer"
 
 
 class StartFromRun(BaseCallback):
-    """Give a model what the model of another run has learnt, before the training.
+    """Load the learnt state of another run's model before the training.
 
-    That is its networks, the moments of their optimizers, the entropy coefficient (unless
+    It copies networks, the moments of their optimizers, the entropy coefficient (unless
     ``with_entropy`` is false) and the statistics of ``VecNormalize``; options of optimizers, such
-    as ``critic_first``, are the training's own. Nothing acts at random then, whatever
-    ``learning_starts`` says: the policy fills the replay buffer itself, for ``seed_steps`` without
-    an update, unless it is given a buffer that is filled. A training that is resumed keeps its own
-    networks.
+    as ``critic_first``, are the training's own. ``learning_starts`` is ignored and no action is
+    random: the policy fills the replay buffer itself, for ``seed_steps`` without an update, unless
+    ``with_buffer`` is true. A resumed training keeps its own networks.
 
     ``sb3-piano train --init-from RUN`` adds this callback to a run.
 
@@ -55,15 +54,15 @@ class StartFromRun(BaseCallback):
 
     Args:
         run: Folder of the run, of the same algorithm, policy and spaces.
-        with_buffer: Whether to begin with its replay buffer.
-        seed_steps: Environment steps before the first update; by default as many as a batch has.
-        with_entropy: Whether to begin with its entropy coefficient. Without, one that is learnt
-            begins anew: the policy explores as it would from nothing.
+        with_buffer: Whether to copy its replay buffer.
+        seed_steps: Environment steps before the first update; by default the batch size.
+        with_entropy: Whether to copy its entropy coefficient. Otherwise a learnt coefficient is
+            reset: the policy explores as in a new training.
 
     Raises:
         ConfigError: When training starts, if the model does not fit, has no replay buffer, or
-            learns no entropy coefficient that could begin anew.
-        RunError: If the folder is no run, or was saved without what is needed.
+            learns no entropy coefficient to reset.
+        RunError: If the folder is no run, or lacks the saved state.
     """
 
     def __init__(
@@ -81,7 +80,7 @@ class StartFromRun(BaseCallback):
         self._train_freq: Any = None
 
     def _init_callback(self) -> None:
-        # Not at the start of training: checkpoints look at the buffer when they are initialised.
+        # Earlier than the start of training: checkpoints read the buffer when initialised.
         if self.model.num_timesteps == 0:
             run = RunFolder.open(self._run)
             config = run.read_config()
@@ -95,7 +94,7 @@ class StartFromRun(BaseCallback):
             self._take_over(run, config)
             if self._with_buffer:
                 self._take_buffer(run)
-            _log.info("Networks and optimizers are those of run '%s'.", run.path)
+            _log.info("Loaded networks and optimizers of run '%s'.", run.path)
         if isinstance(self.model, OffPolicyAlgorithm):
             self.model.learning_starts = 0
 
@@ -106,7 +105,7 @@ class StartFromRun(BaseCallback):
         steps = model.batch_size if self._seed_steps is None else self._seed_steps
         if self._with_buffer or steps == 0:
             return
-        # Updates follow a roll-out, so that the first one is made as long as the seeding.
+        # Updates follow a rollout, so the first rollout is as long as the seeding.
         self._train_freq = model.train_freq
         calls = math.ceil(steps / model.n_envs)
         model.train_freq = TrainFreq(calls, TrainFrequencyUnit.STEP)  # type: ignore[assignment]
@@ -117,17 +116,17 @@ class StartFromRun(BaseCallback):
             self.model.train_freq, self._train_freq = self._train_freq, None
 
     def _on_training_end(self) -> None:
-        self._on_rollout_end()  # which SB3 leaves out where a callback ends the training
+        self._on_rollout_end()  # SB3 skips it if a callback ends the training
 
     def _on_step(self) -> bool:
         return True
 
     def _take_over(self, run: RunFolder, config: RunConfig) -> None:
-        """Set networks, optimizers, entropy coefficient and statistics."""
+        """Copy networks, optimizers, entropy coefficient and statistics."""
         if run.weights_file.is_file():
             raise RunError(
-                f"Run '{run.path}' was exported to be played, without optimizers and critics' "
-                "states: expected the run that it was made of."
+                f"Run '{run.path}' was exported to be played, without the states of optimizers "
+                "and critics: expected the original run."
             )
         file, statistics = model_files(run, config)
         off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
@@ -157,13 +156,13 @@ class StartFromRun(BaseCallback):
             group.update(own, params=group["params"])
         for name in source._get_torch_save_params()[1]:
             learnt = getattr(source, name)
-            # A coefficient that is fixed is the config's.
+            # A fixed coefficient is the config's.
             if learnt.requires_grad and (self._with_entropy or name != _ENTROPY):
                 getattr(self.model, name).data.copy_(learnt.data)
         self._take_statistics(run, config, statistics)
 
     def _groups(self) -> Iterator[dict[str, Any]]:
-        """Yield the groups of parameters of all optimizers, with their options."""
+        """Yield the parameter groups of all optimizers, with their options."""
         for name in self.model._get_torch_save_params()[0]:
             part = recursive_getattr(self.model, name)
             if isinstance(part, Optimizer):
@@ -203,7 +202,7 @@ class StartFromRun(BaseCallback):
 
 
 def without_learnt_entropy(algorithm: type[BaseAlgorithm]) -> ConfigError:
-    """Return the error of a training without an entropy coefficient that could begin anew."""
+    """Return the error of a training without a learnt entropy coefficient."""
     return ConfigError(
         f"with_entropy is false, but this {algorithm.__name__} learns no entropy coefficient: "
         "expected SAC, TQC or CrossQ with an ent_coef such as auto, or no with_entropy."
@@ -213,7 +212,7 @@ def without_learnt_entropy(algorithm: type[BaseAlgorithm]) -> ConfigError:
 def start_plugin(
     run: str | os.PathLike[str], with_buffer: bool = False, with_entropy: bool = True
 ) -> Plugin:
-    """Return the callback with which a training starts from what the run in a folder has learnt."""
+    """Return the plugin of :class:`StartFromRun` for the run in a folder."""
     kwargs: dict[str, Any] = {"run": os.path.abspath(run)}
     kwargs |= {"with_buffer": True} if with_buffer else {}
     kwargs |= {} if with_entropy else {"with_entropy": False}
@@ -228,20 +227,19 @@ def load_start(
     with_buffer: bool = False,
     **overrides: Any,
 ) -> RunConfig:
-    """Return the settings of a training that starts from what a run has learnt.
+    """Return the settings of a training that starts from the model of a run.
 
     Args:
-        run: The run's folder. Its settings are kept, with its wrappers and observation.
-        env_id: What to play, if not what the run plays: the id of an environment, or
-            ``module:Id``.
-        path: Hyperparameters in place of the run's, as of :func:`load_config`.
-        with_buffer: Whether to begin with its replay buffer.
-        **overrides: Settings to take instead. ``env_kwargs`` are added to the run's, of which a
-            score and a file of finger labels are left out if something else is played, as are
-            :class:`~sb3_piano.wrappers.RandomPiece` and other wrappers that choose a piece.
+        run: The run's folder. Its settings are kept, including wrappers and observation.
+        env_id: Id of another environment, or ``module:Id``; by default the run's own.
+        path: Hyperparameters that replace the run's, as in :func:`load_config`.
+        with_buffer: Whether to copy its replay buffer.
+        **overrides: Settings that replace the run's. ``env_kwargs`` are added to the run's. For
+            another piece, the run's score, its file of finger labels and wrappers that choose a
+            piece, such as :class:`~sb3_piano.wrappers.RandomPiece`, are dropped.
 
     Raises:
-        ConfigError: As :func:`load_config`, or if the run is not trained.
+        ConfigError: As in :func:`load_config`, or if the run is not trained.
         RunError: If the folder is no run.
     """
     folder = RunFolder.open(run)
@@ -254,7 +252,7 @@ def load_start(
         overrides.setdefault("pieces", config.pieces)
     env_id = config.env.full_id if env_id is None else env_id
     if path is not None:
-        if not others:  # what the run plays is no hyperparameter
+        if not others:  # the run's piece is no hyperparameter
             kept = {*FILE_OPTIONS, *config.env.piece_options}
             own = {name: value for name, value in config.env_kwargs.items() if name in kept}
             given = {**own, **given}

@@ -1,4 +1,4 @@
-"""Training: from a config to a model in a folder, and on from where it stopped."""
+"""Train a model from a config, and resume a training."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ class TrainResult:
     folder: RunFolder
     """Folder of all files."""
     started_at: int
-    """Environment steps that were done before."""
+    """Environment steps before this training."""
     num_timesteps: int
-    """Environment steps that are done now."""
+    """Environment steps after this training."""
     n_timesteps: int
-    """Environment steps that were asked for in all."""
+    """Total environment steps requested."""
     interrupted: bool = False
     """Whether Ctrl-C or SIGTERM ended it early."""
 
     @property
     def had_finished(self) -> bool:
-        """Whether there was nothing left to do."""
+        """Whether all steps were already done."""
         return self.started_at >= self.n_timesteps
 
 
@@ -73,16 +73,16 @@ def train(
 ) -> TrainResult:
     """Train a new model.
 
-    The folder is made once environment and model are known to work, and is gone again if a callback
-    refuses them before the first step. Ctrl-C or SIGTERM ends the
-    training with a checkpoint; after any other end :func:`resume` goes on from the last one.
+    The folder is made after environment and model work, and is deleted if a callback raises an
+    error before the first step. Ctrl-C or SIGTERM ends the training with a checkpoint; after any
+    other end :func:`resume` continues from the last checkpoint.
 
     Args:
-        config: What to train; without a seed, one is drawn and noted down.
+        config: Settings of the training; without a seed, one is drawn and saved.
         folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
-        runs_dir: Where runs are kept.
-        callbacks: Callbacks beside the config's. The run's folder does not know them, so that
-            :func:`resume` goes on without.
+        runs_dir: Folder of all runs.
+        callbacks: Callbacks besides the config's. They are not saved in the run's folder, so
+            :func:`resume` does not restore them.
         progress_bar: Whether to show progress on the terminal.
         checkpoint_every: Environment steps between two checkpoints.
 
@@ -121,37 +121,37 @@ def resume(
     progress_bar: bool = True,
     checkpoint_every: int = DEFAULT_EVERY,
 ) -> TrainResult:
-    """Go on with a run from its last checkpoint: model, replay buffer, step count, callbacks.
+    """Resume a run from its last checkpoint: model, replay buffer, step count, callbacks.
 
-    Of the callbacks those go on that keep a state, such as
-    :class:`~sb3_piano.callbacks.LevelReplayCallback`; the others begin anew.
+    Callbacks with a state, such as :class:`~sb3_piano.callbacks.LevelReplayCallback`, restore it;
+    the others start anew.
 
-    A new episode begins, and random numbers are drawn from a seed made of the run's seed and the
-    step count: two resumptions of one checkpoint are alike, but not like a run that never stopped.
-    What goes by ``PianoEnv.total_steps``, as schedules of wrappers do, goes on where it was.
+    A new episode begins, and the random seed is derived from the run's seed and the step count: two
+    resumptions of one checkpoint are equal, but differ from a run without a stop. Schedules by
+    ``PianoEnv.total_steps``, as in wrappers, continue.
 
-    A run that stopped before its first checkpoint starts over; one that has done its steps returns
-    at once, see ``had_finished`` of the result.
+    A run that stopped before its first checkpoint starts over. A finished run returns at once, see
+    ``had_finished`` of the result.
 
     Args:
         folder: The run's folder.
-        steps: The new total of environment steps; by default the run's.
-        algo: The algorithm that the run is expected to have, if any.
-        env_id: The environment that the run is expected to have, if any.
-        callbacks: As of :func:`train`, as are the others.
+        steps: New total of environment steps; by default the run's.
+        algo: Expected algorithm of the run, if any.
+        env_id: Expected environment of the run, if any.
+        callbacks: As in :func:`train`.
         progress_bar: Whether to show progress on the terminal.
         checkpoint_every: Environment steps between two checkpoints.
 
     Raises:
         ConfigError: If the run's config is damaged, or its environment cannot be made.
-        RunError: If there is no run, it is another than expected, or its checkpoint is damaged.
+        RunError: If there is no run, it is not as expected, or its checkpoint is damaged.
     """
     checkpoint_every = checked("checkpoint_every", checkpoint_every, Count)
     run = RunFolder.open(folder)
     if run.weights_file.is_file():
         raise RunError(
-            f"Run '{run.path}' was exported to be played, without what training needs to go on: "
-            "expected the run that it was made of."
+            f"Run '{run.path}' was exported to be played, without what training needs: expected "
+            "the original run."
         )
     with _owned(run):
         config = run.read_config()
@@ -173,7 +173,7 @@ def resume(
                     "of one run."
                 )
         done = 0 if saved is None else saved.num_timesteps
-        if saved is not None:  # by a process that was killed before it was copied
+        if saved is not None:  # a process may have been killed before copying it
             saved.copy_model(run.checkpoint_dir, run.model_file)
         if done >= config.n_timesteps:
             return TrainResult(
@@ -200,10 +200,10 @@ def _learn(
     checkpoint_every: int,
     progress_bar: bool,
 ) -> TrainResult:
-    """Train in a run's folder until the config's number of steps is done.
+    """Train in a run's folder up to the config's number of steps.
 
-    Ctrl-C and SIGTERM end the training with a checkpoint. After any other exception the last
-    checkpoint stays as it is.
+    Ctrl-C and SIGTERM end the training with a checkpoint. Other exceptions leave the last
+    checkpoint unchanged.
     """
     started_at = model.num_timesteps
     _open_logs(run, model, append=resumed is not None)
@@ -243,7 +243,7 @@ def _learn(
         except KeyboardInterrupt:
             request.made = True
             if bookends.started:
-                every.on_training_end()  # SB3 leaves this out; it saves the last checkpoint
+                every.on_training_end()  # SB3 skips it; it saves the last checkpoint
         except KeyError as error:
             if error.args and error.args[0] in config.monitor_kwargs.get("info_keywords", ()):
                 raise ConfigError(
@@ -261,12 +261,12 @@ def _learn(
 
 
 def _open_logs(run: RunFolder, model: BaseAlgorithm, *, append: bool) -> None:
-    """Let Monitor files and TensorBoard logs be written into the run's folder."""
+    """Direct Monitor files and TensorBoard logs to the run's folder."""
     venv = model.get_env()
     assert venv is not None, "a model that trains has its environments"
     for place in (run.monitor_dir, run.tensorboard_dir):
         for log in (place, *place.rglob("*")):
-            check_inside(log)  # SB3 writes there by itself
+            check_inside(log)  # SB3 writes there without this check
     bare = venv.unwrapped  # a wrapper may show more agents than there are environments
     for index in range(bare.num_envs):
         path = str(run.monitor_dir / str(index))
@@ -282,13 +282,13 @@ def _open_logs(run: RunFolder, model: BaseAlgorithm, *, append: bool) -> None:
 
 
 def _close_logger(model: BaseAlgorithm) -> None:
-    """End the thread in which TensorBoard writes."""
-    if hasattr(model, "_logger"):  # which the model has once it learns
+    """Close the logger, and with it TensorBoard's writer thread."""
+    if hasattr(model, "_logger"):  # set when learning starts
         model.logger.close()
 
 
 class _Bookends(BaseCallback):
-    """Know that training began, and log at its end what SB3 still holds back."""
+    """Record that training began, and write SB3's pending log values at its end."""
 
     started = False
 
@@ -304,11 +304,11 @@ class _Bookends(BaseCallback):
 
 
 class _StopOnRequest(BaseCallback):
-    """End the training soon after a request, by raising ``KeyboardInterrupt`` between two rollouts.
+    """End the training after a request, by raising ``KeyboardInterrupt`` between two rollouts.
 
-    In the middle of a rollout the last step of off-policy algorithms is counted but not yet in the
-    replay buffer. On-policy algorithms throw an unfinished rollout away, so they end at once, but
-    for the last rollout of a training: all steps are done then, and it is to be learnt from.
+    Within a rollout the last step of off-policy algorithms is counted but not yet in the replay
+    buffer. On-policy algorithms discard an unfinished rollout, so they end at once, except after
+    the last step of a training: its rollout is still learnt from.
     """
 
     def __init__(self, request: StopRequest) -> None:
@@ -327,7 +327,7 @@ class _StopOnRequest(BaseCallback):
 
 @contextlib.contextmanager
 def _owned(run: RunFolder) -> Iterator[None]:
-    """Own a run's folder; if the disk refuses a file, say what is safe and how to go on."""
+    """Lock a run's folder; a full disk raises a RunError that says how to resume."""
     with run.owned():
         try:
             yield
@@ -352,7 +352,7 @@ def _closing(venv: VecEnv) -> Iterator[VecEnv]:
     try:
         yield venv
     finally:
-        # Closing must not hide why an environment's process has gone.
+        # Errors of closing must not hide why an environment's process ended.
         with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
             venv.close()
 
@@ -360,7 +360,7 @@ def _closing(venv: VecEnv) -> Iterator[VecEnv]:
 def _restored(
     run: RunFolder, config: RunConfig, saved: Checkpoint | None, venv: VecEnv
 ) -> BaseAlgorithm:
-    """Return a checkpoint's model, or a new one for a run that stopped before its first."""
+    """Load a checkpoint's model; without a checkpoint, build a new one."""
     if saved is None:
         _log.warning("Run '%s' had saved nothing yet: it starts over at step 0.", run.path)
         model = build_model(config, venv)

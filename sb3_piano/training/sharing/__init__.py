@@ -1,1 +1,1 @@
-"""Exported runs: for others to load without pickles, on disk and on the Hugging Face Hub."""
+"""Exported runs without pickles, on disk and on the Hugging Face Hub."""

@@ -1,4 +1,4 @@
-"""The card of an exported run, in the Hugging Face Hub's format: YAML facts, then Markdown."""
+"""Model card of an exported run in the Hugging Face Hub's format."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _METRICS = {
     "onset_f1": "onset F1",
     "return": "return",
 }
-"""Metrics of the card and their names in it, as far as the environment has them."""
+"""Metrics of the card and their labels; missing ones are left out."""
 
 _HUB_TYPES = {"return": "mean_reward"}
-"""Types by which the Hub's leaderboards know a metric; others go by their own name."""
+"""Metric types of the Hub's leaderboards; other metrics use their own names."""
 
 
 def card_of(run: RunFolder, config: RunConfig, found: Evaluation) -> str:
-    """Return the card of a run that was evaluated."""
+    """Return the model card of an evaluated run as Markdown with YAML front matter."""
     shown = {name: label for name, label in _METRICS.items() if name in found.summary}
     front = dump_yaml(_front_matter(config, found, shown))
     onset = f" and onset F1 {found.mean['onset_f1']:.3f}" if "onset_f1" in shown else ""
@@ -45,11 +45,11 @@ def card_of(run: RunFolder, config: RunConfig, found: Evaluation) -> str:
 {_who(config)} that plays *{piece}* in
 `{config.env_id}`{says}.{_steps(config, found)}
 
-## How well
+## Results
 
 {_table(found, shown)}
 
-{_spread(found)} The commands that repeat this are below.
+{_spread(found)} The commands below repeat the evaluation.
 
 ## Use
 
@@ -66,7 +66,7 @@ with load_player("FOLDER") as player:
     (recording,) = player.play()
 ```
 
-FOLDER is this one. No file in it is a pickle, and `load_player` runs no code of it.
+FOLDER is this folder. It has no pickles, and `load_player` runs no code of it.
 
 ## Training
 
@@ -80,7 +80,7 @@ FOLDER is this one. No file in it is a pickle, and `load_player` runs no code of
 
 
 def _markdown(text: str | None) -> str:
-    """Return text that stands for itself in Markdown, where HTML may stand as well."""
+    """Escape text for Markdown and HTML."""
     return re.sub(r"([\\`*_\[\]|~$])", r"\\\1", html.escape(printable(str(text)), quote=False))
 
 
@@ -134,15 +134,15 @@ def _spread(found: Evaluation) -> str:
     seeds = f"{count} episode{'s' * (count > 1)}, seed{'s' * (count > 1)} {_seeds(found)}"
     if pieces:
         return (
-            f"Of {seeds} of each of {pieces} pieces, without exploring; bootstrap intervals of the "
+            f"{seeds} on each of {pieces} pieces, deterministic policy; bootstrap intervals of the "
             "mean over pieces."
         )
     if found.is_repetition:
         return (
-            f"Of {seeds}, without exploring. All are equal, as nothing is drawn at random, so that "
+            f"{seeds}, deterministic policy. All episodes are equal, as nothing is random, so "
             "there is no interval."
         )
-    return f"Of {seeds}, without exploring; bootstrap intervals of the mean over episodes."
+    return f"{seeds}, deterministic policy; bootstrap intervals of the mean over episodes."
 
 
 def _seeds(found: Evaluation) -> str:
@@ -154,7 +154,7 @@ def _who(config: RunConfig) -> str:
 
 
 def _steps(config: RunConfig, found: Evaluation) -> str:
-    """Return how long the model was trained, as a sentence, if it is one of a training."""
+    """Return a sentence with the steps of training; empty for an untrained model."""
     trained = found.num_timesteps
     return f" It was trained for {trained} environment steps." if trained else ""
 
@@ -162,7 +162,7 @@ def _steps(config: RunConfig, found: Evaluation) -> str:
 def _training(run: RunFolder, config: RunConfig) -> str:
     notes = run.read_provenance()
     command = notes.get("command")
-    told = (
+    origin = (
         ""
         if not isinstance(command, str)
         else f"Trained by\n\n```\n{printable(_short(command)).replace('```', '')}\n```\n\n"
@@ -172,23 +172,23 @@ def _training(run: RunFolder, config: RunConfig) -> str:
     with_what = ", ".join(f"{name} {version}" for name, version in known) or "unknown versions"
     if any(plugin.is_a(StartFromRun) for plugin in config.callback):
         return (
-            f"{told}with {with_what}. All settings are in `config.yml`, seed {config.seed}.\n"
-            "It began with what another run had learnt, which is not in this folder."
+            f"{origin}with {with_what}. All settings are in `config.yml`, seed {config.seed}.\n"
+            "It started from the model of another run, which is not in this folder."
         )
     return (
-        f"{told}with {with_what}. All settings are in `config.yml`, seed {config.seed}; from them\n"
-        "it is trained again by\n\n```python\n"
+        f"{origin}with {with_what}. All settings are in `config.yml`, seed {config.seed}.\n"
+        "To repeat the training:\n\n```python\n"
         "from sb3_piano.training import RunFolder, train\n\n"
         'train(RunFolder.open("FOLDER").read_config(), "again")\n```'
     )
 
 
 def _short(command: str) -> str:
-    """Return a command line without the path of the interpreter that ran it."""
+    """Return a command line without the path of its interpreter."""
     command = printable(command).replace("```", "")
     try:
         words = shlex.split(command)
-    except ValueError:  # of a run from elsewhere
+    except ValueError:  # a command of another origin
         words = []
     for index, word in enumerate(words):
         if Path(word).name == "sb3-piano" or word in ("sb3_piano", "sb3_piano.cli"):
@@ -200,11 +200,11 @@ def _limits(config: RunConfig, found: Evaluation) -> str:
     physics = config.env_kwargs.get("physics")
     where = "its physics are those of the environment" if physics is None else f"physics {physics}"
     lines = [
-        f"- The figures are of a simulation ({where}); nothing of this was on a real hand.",
-        f"- What was played is {_markdown(found.piece)}. On another piece it was not measured.",
-        "- The policy acts without exploring; what it observes is what the wrappers of "
-        "`config.yml` give.",
-        "- Rounding differs between processors, so that another machine may play other digits.",
+        f"- The figures are from simulation ({where}); nothing was run on a real hand.",
+        f"- It was evaluated on {_markdown(found.piece)}, and on no other piece.",
+        "- The policy is deterministic; its observations are those of the wrappers in "
+        "`config.yml`.",
+        "- Rounding differs between processors, so figures may differ on another machine.",
     ]
-    lines.append("- It cannot be trained on: optimizers and replay buffer are not in it.")
+    lines.append("- It cannot be trained further: it has no optimizers and no replay buffer.")
     return "\n".join(lines)

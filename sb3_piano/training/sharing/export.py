@@ -1,4 +1,4 @@
-"""Export of a run: what plays it, what it plays, and how well, in a folder without pickles."""
+"""Export a run with weights, model card and video to a folder without pickles."""
 
 from __future__ import annotations
 
@@ -38,28 +38,25 @@ def export_run(
     on_episode: Callable[[], object] = lambda: None,
     progress: Progress | None = None,
 ) -> ExportedFolder:
-    """Write a run for others to play: settings, weights, a card, a video, in plain files.
+    """Export a run without pickles: settings, weights, a model card and a video.
 
-    The new folder has no pickles, and its settings name only classes of
-    ``KNOWN_PACKAGES``, so that loading it runs no code of it. It is
-    evaluated, played and reported on like the run, with the same result to the last bit; it cannot
-    be trained on. Whatever ends this early leaves no folder,
-    but for a kill, after which the same call makes it anew.
+    The settings of the new folder name only classes of ``KNOWN_PACKAGES``, so that loading it runs
+    no code of the folder. Commands such as evaluate, play and report accept it like the run, with
+    bit-identical results; it cannot be trained further. An error or Ctrl-C leaves no folder. After
+    a kill the same call makes it anew.
 
     Args:
         run: The run's folder.
-        folder: Where to, a new or empty folder.
-        best: Export the best model by this metric, such as "f1", in place of the last one.
-        episodes: How many the card tells of, each from the next seed from 0 on; at least 1.
-        picture: How the video looks; ``None`` for no video. Without a graphics driver there is
-            none either.
-        on_episode: Is called after each episode.
-        progress: Is told how far the video is.
+        folder: Output folder, new or empty.
+        best: Export the best model by this metric, such as "f1", instead of the last.
+        episodes: Number of evaluation episodes for the card, with seeds 0, 1, ...; at least 1.
+        picture: Settings of the video; ``None`` for no video. A graphics driver is needed.
+        on_episode: Called after each episode.
+        progress: Called with the progress of the video.
 
     Raises:
         ConfigError: If a setting is out of range, or names a class of another package.
-        RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
-            used.
+        RunError: If there is no run, its model cannot be loaded, or the folder cannot be used.
     """
     with player_written(run, folder, best) as written:
         exported = ExportedFolder(written.path)

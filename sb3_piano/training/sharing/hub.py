@@ -1,4 +1,4 @@
-"""Exported runs on disk and on the Hugging Face Hub: load and publish them."""
+"""Load exported runs from disk and the Hugging Face Hub, and publish them."""
 
 from __future__ import annotations
 
@@ -23,31 +23,30 @@ if TYPE_CHECKING:
 _HUB = re.compile(r"hf:(//)?(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 
 _FILES = ("*.yml", "*.safetensors", "plan.npz", "score.*", "fingering.*", "pieces/*", "README.md")
-"""Files of a repository that are fetched, also those in ``base/``: nothing that is unpickled."""
+"""Files downloaded from a repository, also from its ``base/``: none is unpickled."""
 
 
 def load_player(folder: str | os.PathLike[str], **options: Any) -> OpenPlayer:
-    """Return the player of an exported run, without running any code of its folder.
+    """Load the player of an exported run without running code of its folder.
 
-    Nothing is unpickled, and its settings may name only classes of
-    ``KNOWN_PACKAGES``. Of a run of one's own, with ``model.zip``, use
-    :meth:`~sb3_piano.training.OpenPlayer.open`.
+    No file is unpickled, and its settings may name only classes of ``KNOWN_PACKAGES``. For your
+    own runs, with ``model.zip``, use :meth:`~sb3_piano.training.OpenPlayer.open`.
 
     Args:
-        folder: The folder, or ``hf://OWNER/NAME``, optionally ``@REVISION``, of the Hugging Face
-            Hub, from where it is fetched once.
+        folder: The folder, or ``hf://OWNER/NAME``, optionally with ``@REVISION``, on the Hugging
+            Face Hub; it is downloaded once.
         **options: Options of :meth:`~sb3_piano.training.OpenPlayer.open`.
 
     Raises:
-        ConfigError: If its settings are damaged or name anything else.
-        RunError: If it is no exported run, its weights are damaged, or it cannot be fetched.
+        ConfigError: If its settings are damaged or name other classes.
+        RunError: If it is no exported run, its weights are damaged, or the download fails.
         MissingPackageError: If it is on the Hub and ``sb3-piano[hub]`` is not installed.
     """
     return OpenPlayer.open(exported_folder(folder), **options)
 
 
 def exported_folder(name: str | os.PathLike[str]) -> Path:
-    """Return the checked folder of an exported run, fetched if it is on the Hub."""
+    """Check the folder of an exported run and return it; download it from the Hub if needed."""
     from sb3_piano.training.runs.folder import RunFolder  # players alone need no torch
 
     folder = _fetched(os.fspath(name)) if is_on_hub(name) else Path(name)
@@ -56,19 +55,18 @@ def exported_folder(name: str | os.PathLike[str]) -> Path:
 
 
 def is_on_hub(name: str | os.PathLike[str]) -> bool:
-    """Return whether a name stands for a repository of the Hub: ``hf:...``."""
+    """Return whether a name is a repository of the Hub: ``hf:...``."""
     return isinstance(name, str) and name.startswith("hf:")
 
 
 def push_to_hub(run: RunFolder, repo: str) -> str:
-    """Publish the folder of an exported run, and return its address.
+    """Publish the folder of an exported run on the Hub, and return its URL.
 
-    ``repo`` is ``OWNER/NAME``; ``OWNER`` alone gets the name that RL Zoo gives,
-    ``<algo>-<env-id>``.
+    ``repo`` is ``OWNER/NAME``; for ``OWNER`` alone the name is RL Zoo's ``<algo>-<env-id>``.
 
     Raises:
         ConfigError: If the settings of the run may not be exported.
-        RunError: If the Hub refuses it.
+        RunError: If the Hub rejects it.
         MissingPackageError: If huggingface_hub is not installed.
     """
     config = run.read_config(exported=True)

@@ -1,4 +1,4 @@
-"""Generated music: pieces for two hands made by rules, for policies that learn to read."""
+"""Generate rule-based pieces for two hands, for training sight-reading policies."""
 
 from sb3_piano.lab.music.generation.making import generate_score
 from sb3_piano.lab.music.generation.styles import STYLES

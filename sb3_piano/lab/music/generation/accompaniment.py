@@ -1,4 +1,4 @@
-"""Parts that accompany: broken, struck and held chords, basses that leap, voices over a bass.
+"""Accompaniments: broken, struck and held chords, leaping basses, voices over a bass.
 
 Lengths of notes (``unit``) are in quarter notes, spans in semitones, densities in notes a beat.
 """
@@ -19,15 +19,15 @@ _TURNS = {
     3: ((0, 1, 2), (2, 1, 0), (0, 2, 1), (1, 0, 2)),
     4: ((0, 2, 1, 2), (0, 1, 2, 1), (2, 1, 0, 1), (0, 2, 0, 2), (1, 2, 0, 2)),
 }
-"""Orders in which three tones of a chord are broken, in turns of three and of four."""
+"""Orders of the three tones of a broken chord, in groups of three and four notes."""
 
 
 _VOICE_REACH = 10
-"""Semitones from a held key within which another finger of the hand plays a voice."""
+"""Reach of a voice from a held key of the same hand, semitones."""
 
 
 def strike(rhythm: Rhythm, pitches: Callable[[float], Sequence[int]], hand: Hand) -> list[Tone]:
-    """Return what is struck together at each start of a rhythm."""
+    """Return tones struck together at each onset of a rhythm."""
     return [
         Tone(start=start, length=length, pitch=pitch, hand=hand)
         for start, length in rhythm
@@ -36,7 +36,7 @@ def strike(rhythm: Rhythm, pitches: Callable[[float], Sequence[int]], hand: Hand
 
 
 def alberti(frame: Frame, hand: Hand) -> list[Tone]:
-    """Break each chord in close position by a turn of three or four notes."""
+    """Break each chord in close position by a pattern of three or four notes."""
     habit = frame.habit()
     turn = _TURNS[3 if frame.bar == 3 else 4]
     order = turn[int(habit.integers(len(turn)))]
@@ -76,7 +76,7 @@ def blocks(frame: Frame, hand: Hand, *, count: int, rhythm: Rhythm) -> list[Tone
 
 
 def offbeats(frame: Frame) -> Rhythm:
-    """Return the rhythm of chords after the beat."""
+    """Return the rhythm of off-beat chords."""
     half = frame.beat / 2 if frame.beat == 1 else 0.5
     return [(start + half, frame.beat - half) for start, _ in even(frame, frame.beat)]
 
@@ -92,7 +92,7 @@ def basses(frame: Frame, hand: Hand, *, octaves: bool, unit: float | None = None
 
 
 def stride(frame: Frame, hand: Hand) -> list[Tone]:
-    """Leap between a low bass note, or octave, and chords higher up."""
+    """Alternate a low bass note, or octave, with higher chords (stride)."""
     habit = frame.habit()
     octave = bool(habit.random() < 0.4)
     count = int(habit.integers(2, 4))
@@ -144,7 +144,7 @@ def held(frame: Frame, hand: Hand, *, density: float, count: int = 1) -> list[To
 
 
 def leaps(frame: Frame, hand: Hand) -> list[Tone]:
-    """Strike here and there, an octave or two apart."""
+    """Strike notes in leaps of one or two octaves."""
     habit = frame.habit()
     unit = float(habit.choice((0.5, 1.0, 2.0), p=(0.3, 0.5, 0.2)))
     gap, count = float(habit.uniform(9, 26)), int(habit.integers(1, 4))
@@ -187,7 +187,7 @@ def _near(pitch: float) -> Callable[[int], float]:
 
 
 def across(frame: Frame, unit: float, span: int) -> list[Tone]:
-    """Break each chord from the low register to the high one, through both hands."""
+    """Break each chord from the low to the high register, through both hands."""
     habit = frame.habit()
     centre = (frame.register["left"] + frame.register["right"]) / 2
     size = int(habit.choice((6, 8, 12, 16)))
@@ -204,7 +204,7 @@ def across(frame: Frame, unit: float, span: int) -> list[Tone]:
 
 
 def toccata(frame: Frame, unit: float) -> list[Tone]:
-    """Let the hands alternate close to each other, single notes or small chords."""
+    """Alternate close hands on single notes or small chords."""
     habit = frame.habit()
     centre = (frame.register["left"] + frame.register["right"]) / 2
     counts = {"left": int(habit.integers(1, 3)), "right": int(habit.integers(1, 4))}
@@ -222,7 +222,7 @@ def toccata(frame: Frame, unit: float) -> list[Tone]:
 
 
 def chord_rhythm(frame: Frame, habit: np.random.Generator) -> Rhythm:
-    """Draw how often chords are struck: with the harmony, on beats, halves of beats, after them."""
+    """Draw the rhythm of chords: with the harmony, on beats, on half beats, or off the beat."""
     kind = int(habit.choice(5, p=(0.4, 0.2, 0.08, 0.14, 0.18)))
     if kind == 3:
         return offbeats(frame)

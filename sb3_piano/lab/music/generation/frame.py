@@ -1,4 +1,4 @@
-"""The frame of a phrase: its key, meter, harmony and registers, on which the parts are written."""
+"""Frame of a phrase: key, meter, harmony and registers, shared by its parts."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _NEXT: Mapping[int, Mapping[int, float]] = {
     5: {1: 3, 2: 1, 3: 3, 4: 2},
     6: {0: 5, 2: 1, 5: 1},
 }
-"""Which chord follows which, by scale degree from 0, the tonic, with weights."""
+"""Weights of the chord after each chord, by scale degree from 0, the tonic."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tone:
-    """A note as it is written: when, how long and how loud, in quarter notes."""
+    """A written note: start and length in quarter notes, and accent."""
 
     start: float
     """Quarter notes from the beginning of the phrase."""
@@ -45,12 +45,12 @@ class Tone:
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """What the parts of a phrase have in common."""
+    """Settings shared by the parts of a phrase."""
 
     random: np.random.Generator
-    """Draws what differs from phrase to phrase."""
+    """Random generator for choices that differ between phrases."""
     habits: int
-    """Seed of what stays the same through the piece, such as the figure of an accompaniment."""
+    """Seed of choices that are constant in the piece, such as an accompaniment's figure."""
     tonic: int
     """0 (C) to 11."""
     scale: tuple[int, ...]
@@ -75,7 +75,7 @@ class Frame:
         return self.length / len(self.chords)
 
     def habit(self) -> np.random.Generator:
-        """Return a generator that draws the same for every phrase of the piece."""
+        """Return a generator with the same draws for every phrase of the piece."""
         return np.random.default_rng(self.habits)
 
     def pitch(self, step: int) -> int:
@@ -118,7 +118,7 @@ class Frame:
 def progression(
     random: np.random.Generator, count: int, seventh: float, start: int
 ) -> tuple[tuple[int, int], ...]:
-    """Draw chords, a share of them with a seventh: the root of each, and its number of tones."""
+    """Draw chords, a share with a seventh: root and number of tones of each."""
     roots = [start]
     while len(roots) < count:
         following = _NEXT[roots[-1]]
@@ -127,13 +127,13 @@ def progression(
 
 
 def pick(random: np.random.Generator, weights: Mapping[int, float]) -> int:
-    """Draw one of the keys of a mapping by their weights."""
+    """Draw a key of a mapping by weight."""
     share = np.array(list(weights.values()), dtype=float)
     return list(weights)[int(random.choice(len(share), p=share / share.sum()))]
 
 
 def on_keyboard(pitch: int) -> int:
-    """Return a pitch moved by octaves onto the keyboard."""
+    """Transpose a pitch by octaves onto the keyboard."""
     while pitch < MIN_PITCH:
         pitch += 12
     while pitch > MAX_PITCH:

@@ -1,4 +1,4 @@
-"""Music for two hands, made by rules."""
+"""Generate rule-based music for two hands."""
 
 from __future__ import annotations
 
@@ -36,26 +36,26 @@ _METERS = ((4.0, 1.0), (3.0, 1.0), (2.0, 1.0), (3.0, 1.5))
 
 _FORMS = ("AABA", "ABAB", "AABB", "ABAC", "ABCA")
 _SLOWEST, _FASTEST = 50.0, 180.0
-"""Quarter notes a minute."""
+"""Tempo range, quarter notes per minute."""
 
 _SILENT = 0.05
-"""Share of phrases in which a hand is silent."""
+"""Share of phrases with a silent hand."""
 
 
 def generate_score(
     random: np.random.Generator, duration: float, style: str | None = None, near: bool = False
 ) -> Score:
-    """Make a piece of music for the piano.
+    """Generate a piano piece.
 
-    Key, meter, tempo, harmony, registers, figures and touch are drawn, then phrases are written
-    that come back with variations. Most notes say which hand plays them, none with which finger.
+    Key, meter, tempo, harmony, registers, figures and touch are drawn. Then phrases are written,
+    which return with variations. Most notes have a hand, none has a finger.
 
     Args:
-        random: The source of chance.
-        duration: Length, in s: what lies beyond is cut off.
+        random: Random generator.
+        duration: Length in s; later notes are cut off.
         style: One of `STYLES`; by default drawn.
-        near: Let both hands play in registers at most an octave apart, where they get into each
-            other's way.
+        near: Let both hands play in registers at most an octave apart, where they obstruct each
+            other.
 
     Raises:
         ConfigError: If the duration is not above 0, or there is no such style.
@@ -80,7 +80,7 @@ def generate_score(
         count += 1
     clock = draw_clock(random, tempo)
     notes = perform(tones, clock, plan.touch, random)
-    if random.random() < 0.2:  # as a file that does not tell the hands
+    if random.random() < 0.2:  # like a file without hands
         notes = [replace(note, hand=None) for note in notes]
     score = Score(
         notes=notes,
@@ -93,15 +93,15 @@ def generate_score(
 
 @dataclass(frozen=True, kw_only=True)
 class _Plan:
-    """What a piece keeps from phrase to phrase."""
+    """Properties of a piece shared by its phrases."""
 
     style: str
     form: str
     """A letter for each phrase: the same letter, the same music."""
     frame: Frame
-    """The frame of its phrases, whose chords and registers each of them draws."""
+    """Frame of the phrases; each phrase draws its own chords and registers."""
     per_bar: float
-    """Chords a bar."""
+    """Chords per bar."""
     seventh: float
     touch: Touch
     pedalled: bool
@@ -150,7 +150,7 @@ class _Plan:
         )
 
     def phrase(self, letter: str, written: dict[str, list[Tone]]) -> list[Tone]:
-        """Write a phrase, or come back to one that was written, perhaps varied."""
+        """Write a phrase, or repeat a written one, perhaps varied."""
         frame, random = self.frame, self.frame.random
         if letter in written and random.random() < 0.75:
             return _varied(frame, written[letter])
@@ -179,7 +179,7 @@ class _Plan:
 
 
 def _tonic(random: np.random.Generator, scale: tuple[int, ...]) -> int:
-    """Draw a tonic, with more weight on the keys of a scale with few black keys."""
+    """Draw a tonic; keys with few black keys have more weight."""
     black = [
         sum(PITCH_CLASS_IS_BLACK[(tonic + step) % 12] for step in scale) for tonic in range(12)
     ]
@@ -188,7 +188,7 @@ def _tonic(random: np.random.Generator, scale: tuple[int, ...]) -> int:
 
 
 def _varied(frame: Frame, tones: Sequence[Tone]) -> list[Tone]:
-    """Return a phrase as it is, moved by an octave, or with a few other notes."""
+    """Return a phrase unchanged, moved by an octave, or with a few other notes."""
     random = frame.random
     kind = random.random()
     if kind < 0.4:

@@ -1,4 +1,4 @@
-"""Parts that lead: melodies, and what makes them thicker; scale runs, sequences, figuration.
+"""Leading parts: melodies and their doublings; scale runs, sequences, figuration.
 
 Lengths of notes (``unit``) are in quarter notes, densities in notes a beat.
 """
@@ -15,10 +15,10 @@ from sb3_piano.lab.music.generation.rhythm import Rhythm, even, phrase_rhythm
 from sb3_piano.music.hands import Hand
 
 _MOVES = {0: 6, 1: 32, -1: 34, 2: 9, -2: 9, 3: 4, -3: 4, 4: 2, -4: 2, 5: 1, -5: 1, 7: 1, -7: 0.5}
-"""By how many steps of the scale a melody goes on, with weights: mostly to a neighbour."""
+"""Weights of a melody's intervals, in steps of the scale: mostly to a neighbour."""
 
 _RANGE = 8
-"""Steps of the scale that a melody goes away from its middle, unless told."""
+"""Default range of a melody around its middle, in steps of the scale."""
 
 
 def melody(
@@ -31,10 +31,10 @@ def melody(
     rests: float = 0.06,
     width: int = _RANGE,
 ) -> list[Tone]:
-    """Draw a melody: a walk on the scale that stands on chord tones where it is strong.
+    """Draw a melody: a random walk on the scale, with chord tones on strong beats.
 
     It moves around a pitch, by default the hand's register, at most ``width`` steps of the scale
-    away from it; ``rests`` is the share of notes that are left out.
+    away from it; ``rests`` is the share of omitted notes.
     """
     random = frame.random
     middle = frame.step(frame.register[hand] if centre is None else centre)
@@ -58,7 +58,7 @@ def melody(
 
 
 def _chord_step(frame: Frame, time: float, step: int) -> int:
-    """Return the step of the scale nearest to another one that is in the chord."""
+    """Return the chord's step of the scale nearest to a given step."""
     degrees = frame.degrees(time)
     near = [at for at in range(step - 3, step + 4) if at % len(frame.scale) in degrees]
     return min(near, key=lambda at: (abs(at - step), at))
@@ -87,10 +87,10 @@ def ornament(frame: Frame, tones: Sequence[Tone], share: float) -> list[Tone]:
 
 
 def thicken(frame: Frame, tones: Sequence[Tone], kind: str, share: float = 1.0) -> list[Tone]:
-    """Return a melody with further notes that the same hand strikes together with it.
+    """Add notes to a melody that the same hand strikes together with it.
 
-    ``kind`` is "thirds", "sixths", "octaves" or "chords" (within an octave), ``share`` how much of
-    the melody gets them; strong notes always do.
+    ``kind`` is "thirds", "sixths", "octaves" or "chords" (within an octave). ``share`` is the share
+    of notes that get them; strong notes always do.
     """
     found = list(tones)
     side = -1 if not tones or tones[0].hand == "right" else 1
@@ -103,7 +103,7 @@ def thicken(frame: Frame, tones: Sequence[Tone], kind: str, share: float = 1.0) 
         if kind in ("octaves", "chords"):
             others = [tone.pitch + 12 * side]
         if kind == "chords":
-            # Farther from the little finger, no finger of the robot reaches them beside the thumb.
+            # Farther from the little finger, no finger of the robot reaches next to the thumb.
             low, high = sorted((tone.pitch + 2 * side, tone.pitch + 7 * side))
             inner = frame.chord(tone.start, low, high)
             count = min(1 + int(frame.random.random() < 0.25), len(inner))
@@ -115,7 +115,7 @@ def thicken(frame: Frame, tones: Sequence[Tone], kind: str, share: float = 1.0) 
 
 
 def repeat(tones: Sequence[Tone], unit: float) -> list[Tone]:
-    """Return each note struck again and again, every `unit` quarter notes."""
+    """Return each note repeated every `unit` quarter notes."""
     found = []
     for tone in tones:
         count = max(round(tone.length / unit), 1)
@@ -144,7 +144,7 @@ def run(frame: Frame, hand: Hand, unit: float, *, chromatic: bool = False) -> li
 
 
 def sequence(frame: Frame, hand: Hand, unit: float) -> list[Tone]:
-    """Draw a five-finger pattern that moves on by a step of the scale each time."""
+    """Draw a five-finger pattern that moves by a step of the scale each time."""
     habit = frame.habit()
     size = int(habit.choice((4, 6, 8)))
     pattern = [0]

@@ -29,7 +29,7 @@ _COMPOUND = (
     (0.0, 1 / 6, 1 / 3, 2 / 3),
     (0.0, 1 / 3, 1 / 2, 2 / 3, 5 / 6),
 )
-"""When notes begin within a beat, in beats, of which there are one or one and a half quarters."""
+"""Onsets within a beat, in beats, for beats of 1 and of 1.5 quarter notes."""
 
 
 def bar_rhythm(random: np.random.Generator, frame: Frame, density: float) -> Rhythm:
@@ -40,7 +40,7 @@ def bar_rhythm(random: np.random.Generator, frame: Frame, density: float) -> Rhy
     starts: list[float] = []
     for beat in np.arange(0, frame.bar, frame.beat):
         if starts and random.random() < 0.45 / max(density, 0.6) - 0.2:
-            continue  # what sounds goes on
+            continue  # the last note is held
         share = odd * np.exp(-((counts - density) ** 2))
         pattern = patterns[int(random.choice(len(patterns), p=share / share.sum()))]
         starts += [float(beat) + frame.beat * part for part in pattern]
@@ -50,9 +50,9 @@ def bar_rhythm(random: np.random.Generator, frame: Frame, density: float) -> Rhy
 
 
 def phrase_rhythm(frame: Frame, density: float, salt: int = 0) -> Rhythm:
-    """Return the rhythm of a phrase: bars of a small stock that the piece has, a calm last one.
+    """Return the rhythm of a phrase: bars from the piece's small set, and a calm last bar.
 
-    Another ``salt`` gives another stock.
+    Another ``salt`` gives another set.
     """
     habit = np.random.default_rng((frame.habits, salt))
     stock = [bar_rhythm(habit, frame, density) for _ in range(3)]

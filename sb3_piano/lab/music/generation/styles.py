@@ -1,4 +1,4 @@
-"""The styles: what each hand plays, by the name of a way to write for the piano."""
+"""Styles of piano writing: the parts of both hands, by name."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _sixteenths(frame: Frame, habit: np.random.Generator) -> float:
 
 
 def _tune(frame: Frame, density: float | None = None) -> list[Tone]:
-    """Draw a melody, perhaps with ornaments, or with more notes here and there."""
+    """Draw a melody, perhaps with ornaments or added notes."""
     habit = frame.habit()
     density = float(habit.uniform(0.6, 2.2)) if density is None else density
     tones = high.melody(frame, "right", density=density, rests=float(habit.uniform(0, 0.2)))
@@ -67,7 +67,7 @@ def _rag(frame: Frame) -> list[Tone]:
 
 
 def _syncopated(frame: Frame, density: float) -> list[Tone]:
-    """Draw a melody some of whose notes come before the beat."""
+    """Draw a melody with some notes before the beat."""
     tones = high.melody(frame, "right", density=density)
     shift = 0.5 if density < 1.5 else 0.25
     starts = [max(tone.start - shift * (frame.random.random() < 0.4), 0.0) for tone in tones]
@@ -75,7 +75,7 @@ def _syncopated(frame: Frame, density: float) -> list[Tone]:
     return [
         replace(tone, start=start, length=min(tone.length + shift, end - start))
         for tone, start, end in zip(tones, starts, ends, strict=True)
-        if end - start > 0.1  # else it falls together with the next one
+        if end - start > 0.1  # else it coincides with the next one
     ]
 
 
@@ -237,7 +237,7 @@ def _repeated(frame: Frame) -> list[Tone]:
 
 
 def _oompah(frame: Frame) -> list[Tone]:
-    """Hold a bass with the left hand, strike chords after the beat within its reach or above."""
+    """Hold a bass with the left hand, and strike off-beat chords in its reach or above."""
     habit = frame.habit()
     bass = low.basses(frame, "left", octaves=False)
     if habit.random() < 0.5:
@@ -258,7 +258,7 @@ def _leaps(frame: Frame) -> list[Tone]:
 
 
 def _bells(frame: Frame) -> list[Tone]:
-    """Strike a low bass, then hold a chord higher up, under a calm melody."""
+    """Strike a low bass, then hold a higher chord, under a calm melody."""
     habit = frame.habit()
     gap, count = float(habit.uniform(12, 22)), int(habit.integers(2, 5))
     low_at = frame.register["left"] - gap / 2
@@ -316,7 +316,7 @@ def _unison(frame: Frame) -> list[Tone]:
 
 
 def _slow(frame: Frame) -> list[Tone]:
-    """Hold thirds and sixths with both hands, and move on calmly."""
+    """Hold slow thirds and sixths with both hands."""
     habit = frame.habit()
     tones = []
     for hand in HANDS:
@@ -330,7 +330,7 @@ def _slow(frame: Frame) -> list[Tone]:
 
 
 def _mixed(frame: Frame) -> list[Tone]:
-    """Let each hand do one of many things, whatever the other one does."""
+    """Draw a part for each hand independently."""
     habit = frame.habit()
     unit = max(_sixteenths(frame, habit), 0.25)
     span, density = int(habit.integers(10, 22)), float(habit.uniform(0.6, 2.2))
@@ -381,13 +381,13 @@ STYLES: Mapping[str, Style] = MappingProxyType(
         "wide": _wide,
     }
 )
-"""The makers of a phrase, by name."""
+"""Functions that write a phrase, by name."""
 
 PEDALLED = frozenset({"arpeggios", "bells", "figuration", "polyrhythm", "slow", "wide"})
-"""Styles in which the sustain pedal is usual."""
+"""Styles that use the sustain pedal."""
 
 NEAR = frozenset({"toccata", "prelude"})
-"""Styles in which the hands play close to each other."""
+"""Styles with hands close to each other."""
 
 LEAPING = frozenset({"bells", "leaps", "oompah", "rag", "stride", "syncopation"})
-"""Styles in which the left hand needs room."""
+"""Styles that need space for the left hand."""

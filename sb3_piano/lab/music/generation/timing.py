@@ -1,4 +1,4 @@
-"""From tones in quarter notes to notes in seconds: tempo, touch, and what hands can hold."""
+"""Convert tones in quarter notes to notes in seconds: tempo, touch, limits of the hands."""
 
 from __future__ import annotations
 
@@ -16,46 +16,46 @@ _SHORTEST = 0.06
 """Shortest note, s."""
 
 _GAP = 0.02
-"""Least time for which a key is up before it is struck again, s."""
+"""Least time between a key's release and its next strike, s."""
 
 _REACH = 13
-"""Semitones that a hand holds at most between its outer keys."""
+"""Largest span of a hand, semitones."""
 
 _OVERLAP = 0.08
-"""Longest time for which notes of a hand overlap by its touch alone, s."""
+"""Longest overlap of a hand's notes by touch alone, s."""
 
 _LEGATO = 4
-"""Semitones from which on such notes do not overlap: the hand moves on."""
+"""Interval from which such notes do not overlap, as the hand moves, semitones."""
 
 _LEAP = 7
-"""Farther than so many semitones a hand lifts before it goes on; beside chords it always does."""
+"""Interval above which a hand lifts before it moves, semitones; next to chords it always lifts."""
 
 _LIFT = 0.05
-"""For how long, s."""
+"""Duration of such a lift, s."""
 
 _TOGETHER = 0.03
-"""Longest time between notes that are struck together, s."""
+"""Longest time between onsets of notes struck together, s."""
 
 _FASTEST = 0.085
-"""Least time between strikes of a hand, s: the tempo is chosen so that most keep to it."""
+"""Least time between strikes of a hand, s; the tempo keeps most strikes above it."""
 
 _LEAP_PACE = 0.017
-"""Least time for each semitone that a hand leaps by, s."""
+"""Least time per semitone of a leap, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clock:
-    """When what is written is played."""
+    """Conversion of written time to seconds."""
 
     quarter: float
     """Length of a quarter note, s."""
     rubato: float
-    """How far the tempo swings, as a share of it; once in eight quarter notes."""
+    """Amplitude of the tempo's swing, as a share of it; the period is eight quarter notes."""
     phase: float
-    """Where the swing begins, rad."""
+    """Initial phase of the swing, rad."""
 
     def seconds(self, time: float) -> float:
-        """Return when a time in quarter notes is, in s."""
+        """Convert a time in quarter notes to s."""
         pace = 2 * np.pi / 8
         sway = np.sin(pace * time + self.phase) - np.sin(self.phase)
         return float(self.quarter * (time + self.rubato * sway / pace))
@@ -63,26 +63,26 @@ class Clock:
 
 @dataclass(frozen=True, kw_only=True)
 class Touch:
-    """How a piece is performed."""
+    """Touch of a performance."""
 
     lengths: Mapping[Hand, float]
-    """Share of its written length for which each hand holds a note."""
+    """Held share of a note's written length, by hand."""
     volumes: Mapping[Hand, float]
     """MIDI velocity of each hand."""
     jitter: float
     """Standard deviation of the onsets, s."""
     lifts: bool
-    """Whether hands come up in time for chords and leaps; else notes end where the next begin."""
+    """Whether hands lift before chords and leaps; else notes end where the next ones begin."""
 
 
 def draw_clock(random: np.random.Generator, tempo: float) -> Clock:
-    """Draw the course of a tempo, in quarter notes a minute: most pieces keep to it."""
+    """Draw a clock for a tempo in quarter notes per minute; most pieces have no rubato."""
     rubato = float(random.uniform(0.03, 0.15)) if random.random() < 0.3 else 0.0
     return Clock(quarter=60 / tempo, rubato=rubato, phase=float(random.uniform(0, 2 * np.pi)))
 
 
 def draw_touch(random: np.random.Generator) -> Touch:
-    """Draw how a piece is performed."""
+    """Draw the touch of a performance."""
     kinds = (
         lambda: random.uniform(0.3, 0.6),
         lambda: random.uniform(0.7, 0.95),
@@ -101,7 +101,7 @@ def draw_touch(random: np.random.Generator) -> Touch:
 
 
 def fastest_tempo(tones: Iterable[Tone]) -> float:
-    """Return the tempo, in quarter notes a minute, above which the hands would have to hurry."""
+    """Return the fastest comfortable tempo of tones, in quarter notes per minute."""
     slowest = 0.0
     for hand in HANDS:
         struck: dict[float, list[int]] = {}
@@ -121,7 +121,7 @@ def fastest_tempo(tones: Iterable[Tone]) -> float:
 def perform(
     tones: Sequence[Tone], clock: Clock, touch: Touch, random: np.random.Generator
 ) -> list[Note]:
-    """Return the notes of tones."""
+    """Convert tones to notes, with the hands' limits."""
     late: dict[tuple[float, Hand], float] = {}
     notes = []
     for tone in sorted(tones, key=lambda tone: (tone.start, tone.pitch)):
@@ -148,7 +148,7 @@ def perform(
 
 @dataclass
 class _Sounding:
-    """A note whose end may still come earlier."""
+    """A sounding note that may be released early."""
 
     note: Note
     offset: float
@@ -159,12 +159,12 @@ class _Sounding:
         return self.note.onset
 
     def release(self, time: float) -> None:
-        """Let go at a time, if the note has sounded long enough by then, else a little later."""
+        """Release the note at a time, or at its shortest length if that is later."""
         self.offset = max(min(self.offset, time), self.onset + _SHORTEST)
 
 
 def _in_chords(notes: Sequence[Note]) -> list[bool]:
-    """Return whether each note, in order of onset, is struck together with others of its hand."""
+    """Return for each note, by onset, whether it is struck with others of its hand."""
     found = [False] * len(notes)
     last: dict[Hand | None, int] = {}
     for at, note in enumerate(notes):
@@ -176,7 +176,7 @@ def _in_chords(notes: Sequence[Note]) -> list[bool]:
 
 
 def _holdable(notes: Sequence[Note], lifts: bool) -> list[Note]:
-    """Let go of notes where another one needs their key, or the hand, and drop what is double."""
+    """Release notes whose key or hand another note needs, and drop duplicates."""
     found: list[_Sounding] = []
     held: list[_Sounding] = []
     notes = sorted(notes, key=lambda note: (note.onset, note.pitch))
@@ -203,7 +203,7 @@ def _holdable(notes: Sequence[Note], lifts: bool) -> list[Note]:
 
 
 def _make_way(one: _Sounding, new: _Sounding, lifts: bool) -> None:
-    """Let go of a note if its hand cannot hold it, or need not, when it strikes another one."""
+    """Release a note if its hand cannot or need not hold it while striking another one."""
     way = abs(one.note.pitch - new.note.pitch)
     by_touch = one.offset - new.onset < _OVERLAP
     beside_chord = one.in_chord or new.in_chord

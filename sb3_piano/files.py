@@ -32,7 +32,7 @@ _LZMA_MEMORY = 2**28
 """Most memory for the dictionary of an archive that is compressed by LZMA, bytes."""
 
 
-class Place:
+class FileIn:
     """Descriptor for a file or folder with a fixed name inside ``self.path``."""
 
     def __init__(self, name: str) -> None:

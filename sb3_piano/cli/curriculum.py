@@ -84,12 +84,12 @@ def _curriculum(arguments: argparse.Namespace) -> int:
 
 
 def _report(result: Trained, last: str) -> None:
-    from sb3_piano.pipelines.curriculum import go_on
+    from sb3_piano.pipelines.curriculum import resume_command
 
     _show(result.runs)
     print(f"Folder:   {result.folder}")
     if result.interrupted:
-        print(f"Go on:    {go_on(result.folder)}")
+        print(f"Go on:    {resume_command(result.folder)}")
         return
     if result.had_finished:
         print("All stages had ended: nothing was left to do. Once more: with another --run FOLDER")

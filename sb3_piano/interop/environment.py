@@ -14,7 +14,7 @@ from sb3_piano.envs.episode_end import final_info
 from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.interop.scene import DM_CONTROL_NEEDED, import_dm_control
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.wrappers.piano import layout_of, unwrap_piano
 
 try:
     import dm_env
@@ -65,7 +65,7 @@ class DmEnvironment(dm_env.Environment):
         """The Gymnasium environment."""
         self.random_state = np.random.RandomState(seed)
         """For agents that draw their first actions from the environment's generator."""
-        self._piano = piano_of(self.env, "DmEnvironment")
+        self._piano = unwrap_piano(self.env, "DmEnvironment")
         self._layout = layout_of(self.env, "DmEnvironment")
         self._seed = seed
         self._finished = True  # until the first reset

@@ -45,7 +45,7 @@ def is_empty(place: Path) -> bool:
     )
 
 
-def begin_or_go_on(
+def begin_or_resume(
     file: Path,
     what: str,
     ours: Mapping[str, Any],

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from sb3_piano.exceptions import SB3PianoError, one_line
 from sb3_piano.files import read_json, write_json
-from sb3_piano.jobs.folders import SETTINGS, begin_or_go_on, is_empty
+from sb3_piano.jobs.folders import SETTINGS, begin_or_resume, is_empty
 from sb3_piano.locks import LOCK_SUFFIX, hold
 
 Work = Callable[[Any], Mapping[str, Any]]
@@ -71,7 +71,7 @@ class Job:
             RunError: If they differ, or the folder has other files.
         """
         if self.settings:
-            begin_or_go_on(self.settings_file, f"{self.kind} {self.name!r}", self.settings)
+            begin_or_resume(self.settings_file, f"{self.kind} {self.name!r}", self.settings)
 
     def progress(self) -> tuple[int, int] | None:
         """Return the amounts done and in total, also of a running job; ``None`` if unknown."""

@@ -29,7 +29,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs.folders import begin_or_go_on, shared_folder
+from sb3_piano.jobs.folders import begin_or_resume, shared_folder
 from sb3_piano.links import make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import Score, load_score, select_pieces
@@ -194,7 +194,7 @@ def record_corpus(
     with hold(place / LOCK_SUFFIX, busy, "one recording in a folder."), stop_on_signal():
         inputs = _inputs(config)
         settings = {**config.to_mapping(), "files": inputs}
-        begin_or_go_on(place / CONFIG, "corpus", settings, notes=provenance(config.seed))
+        begin_or_resume(place / CONFIG, "corpus", settings, notes=provenance(config.seed))
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
 

@@ -84,7 +84,7 @@ def run_curriculum(
     check_fit(curriculum, begun)
     busy = f"The curriculum in '{place}' is being trained"
     expected = "one process in a folder. Wait for its end or stop it; then resume with: "
-    with hold(place / LOCK_SUFFIX, busy, expected + go_on(place)):
+    with hold(place / LOCK_SUFFIX, busy, expected + resume_command(place)):
         try:
             write_yaml(place / CURRICULUM_FILE, curriculum.to_mapping())
         except OSError as error:
@@ -179,6 +179,6 @@ def check_fit(curriculum: Curriculum, begun: int = 0) -> None:
             before = now
 
 
-def go_on(place: Path) -> str:
+def resume_command(place: Path) -> str:
     """Return the command that resumes a curriculum."""
     return f"sb3-piano curriculum --resume {shlex.quote(str(place))}"

@@ -15,10 +15,10 @@ from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.side_by_side import (
-    Talk,
-    in_turns,
+    Exchange,
     in_two_processes,
     may_start_processes,
+    run_interleaved,
 )
 from sb3_piano.planning.tracking_control import TrackingControl
 from sb3_piano.reading.key_frames import KeyFrames
@@ -79,7 +79,7 @@ def plan_hands(
     if len(parts) == 2 and len(stretches) >= _MANY_STRETCHES and may_start_processes():
         found = in_two_processes(_planned, parts[0], parts[1])
     else:
-        found = in_turns(_planned, parts)
+        found = run_interleaved(_planned, parts)
     (_, line), *_ = found
     # A plan from another process has a copy of its task.
     plans = (replace(plan, task=task) for (plan, _), task in zip(found, tasks, strict=True))
@@ -96,7 +96,7 @@ class _Part(NamedTuple):
     settings: PlanSettings
 
 
-def _planned(part: _Part) -> Talk[FloatArray, tuple[HandPlan, FloatArray]]:
+def _planned(part: _Part) -> Exchange[FloatArray, tuple[HandPlan, FloatArray]]:
     """Plan a hand in lock step with the others.
 
     Each hand yields the distance of its arm beyond its bound, (s,) m, and receives those of all.

@@ -18,28 +18,28 @@ M = TypeVar("M")
 P = TypeVar("P")
 R = TypeVar("R")
 
-Talk = Generator[M, tuple[M, ...], R]
+Exchange = Generator[M, tuple[M, ...], R]
 """Generator that yields a message, receives the messages of all generators (its own, too) in order,
 and so on; finally it returns a result. All generators yield equally often."""
 
 
-def in_turns(start: Callable[[P], Talk[M, R]], parts: Sequence[P]) -> list[R]:
+def run_interleaved(start: Callable[[P], Exchange[M, R]], parts: Sequence[P]) -> list[R]:
     """Run several generators in lock step; each receives the messages of all."""
-    talks = [start(part) for part in parts]
-    told: tuple[M, ...] | None = None
+    exchanges = [start(part) for part in parts]
+    received: tuple[M, ...] | None = None
     while True:
         messages, results = [], []
-        for talk in talks:
+        for exchange in exchanges:
             try:
-                messages.append(talk.send(told) if told is not None else next(talk))
+                messages.append(exchange.send(received) if received is not None else next(exchange))
             except StopIteration as end:
                 results.append(end.value)
         if results:
             return results
-        told = tuple(messages)
+        received = tuple(messages)
 
 
-def in_two_processes(start: Callable[[P], Talk[M, R]], one: P, other: P) -> list[R]:
+def in_two_processes(start: Callable[[P], Exchange[M, R]], one: P, other: P) -> list[R]:
     """Run two generators in lock step, the second one in another process.
 
     If that process is killed, both run in this process.
@@ -50,9 +50,9 @@ def in_two_processes(start: Callable[[P], Talk[M, R]], one: P, other: P) -> list
     process.start()
     theirs.close()
     try:
-        return [_beside(start(one), ours, is_first=True), ours.recv()]
+        return [_exchange_with(start(one), ours, is_first=True), ours.recv()]
     except (EOFError, OSError):
-        return in_turns(start, (one, other))
+        return run_interleaved(start, (one, other))
     finally:
         ours.close()
         process.terminate()
@@ -72,25 +72,25 @@ def may_start_processes() -> bool:
     return is_free and not is_script and usable_cores() > 1
 
 
-def _do_other(connection: Connection, start: Callable[[P], Talk[Any, Any]], part: P) -> None:
+def _do_other(connection: Connection, start: Callable[[P], Exchange[Any, Any]], part: P) -> None:
     """Run the second generator in its process, until the first one's process has ended."""
     leave_to_parent()
     with contextlib.suppress(EOFError, OSError):
-        connection.send(_beside(start(part), connection, is_first=False))
+        connection.send(_exchange_with(start(part), connection, is_first=False))
 
 
-def _beside(talk: Talk[M, R], connection: Connection, *, is_first: bool) -> R:
+def _exchange_with(exchange: Exchange[M, R], connection: Connection, *, is_first: bool) -> R:
     """Run a generator that exchanges messages with the other one through a connection."""
-    told: tuple[M, ...] | None = None
+    received: tuple[M, ...] | None = None
     while True:
         try:
-            message = talk.send(told) if told is not None else next(talk)
+            message = exchange.send(received) if received is not None else next(exchange)
         except StopIteration as end:
             result: R = end.value
             return result
         if is_first:  # one sends while the other receives, so that long messages cannot block
             connection.send(message)
-            told = (message, connection.recv())
+            received = (message, connection.recv())
         else:
-            told = (connection.recv(), message)
+            received = (connection.recv(), message)
             connection.send(message)

@@ -24,7 +24,7 @@ from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.files import write_bytes
 from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.wrappers.hand_actions import hand_actions_of
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 if TYPE_CHECKING:
     from stable_baselines3.common.policies import BasePolicy
@@ -142,7 +142,7 @@ class HandModel:
             reach=float(hand_actions_of(env, "HandModel.of").reach.max()),  # a finger's
             num_timesteps=num_timesteps,
             about=about,
-            **_of_piano(piano_of(env, "HandModel.of")),
+            **_of_piano(unwrap_piano(env, "HandModel.of")),
         )
         return cls(tensors, facts)
 

@@ -18,7 +18,7 @@ from sb3_piano.players.policy import PianoPolicy
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.settings import Positive, checked, refuse_unknown
 from sb3_piano.wrappers.hand_actions import hand_actions_of
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 from sb3_piano.wrappers.residual import Residual
 
 CORRECTED: Mapping[str, Callable[..., PianoPolicy]] = MappingProxyType(
@@ -70,7 +70,7 @@ class PlayerResidual(Residual, gym.utils.RecordConstructorArgs):
                 f"model is '{model}', but {player!r} has no network: expected none, or the "
                 "sight-reader."
             )
-        self._piano, self._inside, self._model = piano_of(env, "PlayerResidual"), inside, model
+        self._piano, self._inside, self._model = unwrap_piano(env, "PlayerResidual"), inside, model
         self._base: PianoPolicy = CORRECTED[player](env, *([] if model is None else [model]))
 
     @property

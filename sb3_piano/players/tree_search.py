@@ -26,7 +26,7 @@ from sb3_piano.players.tree import Step, Tree, TreeSettings
 from sb3_piano.policies.values import PolicyValues
 from sb3_piano.settings import Index, NotNegative, checked
 from sb3_piano.wrappers.hand_actions import change_of_actions
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 _WATCHERS = (Monitor, EpisodeRecorder)
 """Wrappers that only record."""
@@ -200,7 +200,7 @@ class PianoWorld:
         self._guide = guide.copied(memo)
         self._piano: Any = self._env.unwrapped
         self.gamma = guide.gamma
-        self.roll = piano_of(env, "TreeSearch").roll
+        self.roll = unwrap_piano(env, "TreeSearch").roll
         """The episode's piano roll, which identifies the episode."""
 
     def go_back(self, moment: Any) -> None:

@@ -15,7 +15,7 @@ from optuna import pruners, samplers
 
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.files import Place
+from sb3_piano.files import FileIn
 from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
@@ -167,15 +167,15 @@ class StudyFolder:
 
     path: Path
 
-    journal_file = Place("journal.log")
+    journal_file = FileIn("journal.log")
     """Optuna's journal, which stores the study unless a database does."""
-    best_file = Place("best.yml")
+    best_file = FileIn("best.yml")
     """The best settings, for ``sb3-piano train --config`` and for RL Zoo."""
-    report_file = Place("report.html")
+    report_file = FileIn("report.html")
     """Page with history, importance and more; it needs no network."""
-    table_file = Place("trials.csv")
+    table_file = FileIn("trials.csv")
     """A row for each trial."""
-    workers_dir = Place("workers")
+    workers_dir = FileIn("workers")
     """Output of the worker processes, ``<name>.log`` for each."""
 
     def trial_dir(self, number: int) -> Path:

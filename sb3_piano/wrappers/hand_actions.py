@@ -18,7 +18,7 @@ from sb3_piano.envs.actions import (
 )
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 
 class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -42,7 +42,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     def __init__(self, env: gym.Env[Any, Any], reach: float = REACH) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, reach=reach)
         super().__init__(env)
-        self._piano = piano_of(env, "HandActions")
+        self._piano = unwrap_piano(env, "HandActions")
         if not self._piano.scene.sides:
             raise ConfigError("HandActions finds no hands in the scene: expected one or two.")
         own = self._piano.action_space
@@ -105,7 +105,7 @@ def change_of_actions(env: gym.Env[Any, Any], rad: float, caller: str) -> FloatA
         ConfigError: If the actions are neither the piano's own nor those of :class:`HandActions`;
             the message names the caller.
     """
-    piano = piano_of(env, caller)
+    piano = unwrap_piano(env, caller)
     if env.action_space == piano.action_space:
         return piano.action_map.change(rad * hand_action_unit(piano.scene))
     inside = hand_actions_of(env, caller)

@@ -17,7 +17,7 @@ from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
 from sb3_piano.settings import NotNegative, Share, checked
 from sb3_piano.simulation.scene import SIDES
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 HAND_REWARDS = "hand_rewards"
 """Key of ``info`` for the rewards of the hands in the scene, the right one first."""
@@ -67,7 +67,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
             self, own=own, within=within, strikes=strikes, guidance=guidance, fingering=fingering
         )
         super().__init__(env)
-        self._piano = piano_of(env, "HandReward")
+        self._piano = unwrap_piano(env, "HandReward")
         if not self._piano.scene.sides:
             raise ConfigError("HandReward finds no hands in the scene: expected one or two.")
         self._hands = [SIDES.index(side) for side in self._piano.scene.sides]

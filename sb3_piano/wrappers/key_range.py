@@ -14,7 +14,7 @@ from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, used_keys
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
 from sb3_piano.settings import Index, Whole, checked
-from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, unwrap_piano
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 _WINDOWS = {
@@ -72,7 +72,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
         )
         _check_outside(outside, simulated)
         layout = layout_of(env, "KeyRange", "goal", "key_state")
-        self._piano = piano_of(env, "KeyRange")
+        self._piano = unwrap_piano(env, "KeyRange")
         possible = {note.key for score in possible_scores(env) for note in score.notes}
         self._hides = outside == "hide"
         self.window = _window(keys, checked("margin", margin, Index), possible)

@@ -19,7 +19,7 @@ from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.settings import Count, Number, Unit, checked
 from sb3_piano.wrappers.hide_fingering import HideFingering
-from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, unwrap_piano
 
 _LABELS = "lookahead_fingering"
 
@@ -77,7 +77,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
                 "Lookahead with fingers would show the labels that a HideFingering inside of it "
                 "hides: expected the HideFingering outside, or fingers=False."
             )
-        self._piano = piano_of(env, "Lookahead")
+        self._piano = unwrap_piano(env, "Lookahead")
         self._stride = checked("stride", stride, Count)
         self._steps = _steps_ahead(
             steps, seconds, self._stride, self._piano.config.control_timestep

@@ -26,7 +26,7 @@ class LayoutWrapper(gym.ObservationWrapper[Any, Any, Any]):
         self.observation_space = ObservationSpace(layout)
 
 
-def piano_of(env: gym.Env[Any, Any], caller: str) -> PianoEnv:
+def unwrap_piano(env: gym.Env[Any, Any], caller: str) -> PianoEnv:
     """Return the piano environment inside all wrappers.
 
     Raises:
@@ -47,7 +47,7 @@ def layout_of(env: gym.Env[Any, Any], caller: str, *needed: str) -> ObservationL
         ConfigError: If it is no piano, a wrapper inside has hidden the layout, or a block is not
             there.
     """
-    piano_of(env, caller)
+    unwrap_piano(env, caller)
     space = env.observation_space
     if not isinstance(space, ObservationSpace):
         raise ConfigError(

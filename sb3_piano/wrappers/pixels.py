@@ -14,7 +14,7 @@ from sb3_piano.settings import checked
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing import FrameRenderer
 from sb3_piano.viewing.moment import geom_colors
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 Camera = Literal["overview", "topdown"]
 """Name of a camera of the scene."""
@@ -60,7 +60,7 @@ class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorA
             self, width=width, height=height, camera=camera, alone=alone
         )
         super().__init__(env)
-        self._piano = piano_of(env, "Pixels")
+        self._piano = unwrap_piano(env, "Pixels")
         self._size = {
             "width": checked("width", width, PictureWidth),
             "height": checked("height", height, PictureHeight),

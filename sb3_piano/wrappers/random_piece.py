@@ -19,7 +19,7 @@ from sb3_piano.music.difficulty import Features, features
 from sb3_piano.music.library.store import piece_features
 from sb3_piano.music.selection import unique_titles
 from sb3_piano.settings import Number, checked
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
 
 _FEW = 100
@@ -68,7 +68,7 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, pieces=pieces, weights=weights)
         super().__init__(env)
-        self._piano = piano_of(env, "RandomPiece")
+        self._piano = unwrap_piano(env, "RandomPiece")
         self._pieces = select_pieces(pieces)
         self._probabilities = _probabilities(weights, len(self._pieces))
         self._possible = np.flatnonzero(self._probabilities)

@@ -13,7 +13,7 @@ from sb3_piano.envs.terms import RewardWeight
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.settings import Count, Index, Share, checked, refuse_unknown
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 RewardTerms = Mapping[str, float]
 
@@ -31,7 +31,7 @@ class RewardTermsWrapper(gym.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
-        self._piano = piano_of(env, type(self).__name__)
+        self._piano = unwrap_piano(env, type(self).__name__)
 
     @property
     def inner_weights(self) -> Mapping[str, float]:
@@ -100,7 +100,7 @@ class RewardWeights(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, weights=weights)
         super().__init__(env)
         self._weights = checked("weights", weights, Mapping[str, RewardWeight])
-        known = piano_of(env, "RewardWeights").config.reward_weights
+        known = unwrap_piano(env, "RewardWeights").config.reward_weights
         refuse_unknown(weights, known, "reward term")
 
     @property

@@ -15,7 +15,7 @@ from sb3_piano.envs.score_choice import ScoreTransform
 from sb3_piano.layers import layers
 from sb3_piano.music import Score
 from sb3_piano.settings import Share, checked
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
-        piano_of(env, type(self).__name__)
+        unwrap_piano(env, type(self).__name__)
 
     @property
     def sources(self) -> Sequence[Score] | None:
@@ -126,7 +126,7 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
         ScoreError: If a wrapper cannot change what it gets.
     """
     wrappers = [layer for layer in layers(env) if isinstance(layer, ScoreWrapper)]
-    scores, times_known = [piano_of(env, "possible_scores").default_score], True
+    scores, times_known = [unwrap_piano(env, "possible_scores").default_score], True
     for wrapper in wrappers:
         sources = wrapper.sources
         if sources is not None:

@@ -12,7 +12,7 @@ from short_scores import score_of
 
 from sb3_piano.planning import PlanSettings, hand_plan, plan
 from sb3_piano.planning.plan import HandTasks
-from sb3_piano.planning.side_by_side import in_turns, in_two_processes
+from sb3_piano.planning.side_by_side import in_two_processes, run_interleaved
 from sb3_piano.simulation import compile_scene
 from sb3_piano.threads import usable_cores
 
@@ -38,7 +38,7 @@ def failing(number):
 
 
 def test_each_is_told_what_all_have_in_their_order():
-    assert [number for number, _ in in_turns(growing, (1, 10))] == [442, 451]
+    assert [number for number, _ in run_interleaved(growing, (1, 10))] == [442, 451]
 
 
 def test_in_two_processes_the_result_is_the_same():

@@ -17,7 +17,7 @@ from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_bytes, write_csv, write_yaml
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs import Here, Outcome, finish, open_executor, status
-from sb3_piano.jobs.folders import begin_or_go_on, check_same
+from sb3_piano.jobs.folders import begin_or_resume, check_same
 from sb3_piano.lab.distillation.config import PLANNED, DistillConfig
 from sb3_piano.lab.distillation.improvement import improve, improvement_run
 from sb3_piano.lab.distillation.rollout import hands_env
@@ -138,7 +138,7 @@ def distill(
     with owned, torch_computing(num_threads), stop_on_signal() as request:
         theirs = _settings_of(place).to_mapping() if (place / _CONFIG).is_file() else None
         notes = provenance(config.seed)
-        begin_or_go_on(place / _CONFIG, "distillation", config.to_mapping(), theirs, notes)
+        begin_or_resume(place / _CONFIG, "distillation", config.to_mapping(), theirs, notes)
         _check_files(place, config)
         make_folder(place / DATA)
         forget_unfinished(place / DATA)

@@ -18,7 +18,7 @@ from sb3_piano.music import Score
 from sb3_piano.players import HandModel
 from sb3_piano.players.rollout import Transition, rollout
 from sb3_piano.wrappers import HandActions
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 if TYPE_CHECKING:
     from minari.data_collector.episode_buffer import EpisodeBuffer
@@ -117,7 +117,7 @@ class _Playing:
     ) -> None:
         self._random, self._share = random, settings.learner
         self._teacher, self._learner = teacher, learner
-        timestep = piano_of(env, "play_excerpt").config.control_timestep
+        timestep = unwrap_piano(env, "play_excerpt").config.control_timestep
         low, high = (max(1, round(seconds / timestep)) for seconds in playing.segment)
         self._segment = low, high  # control steps
         scale = float(random.choice(playing.noise_scales))

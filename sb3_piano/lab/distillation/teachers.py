@@ -17,7 +17,7 @@ from sb3_piano.planning import PlanSettings, Tracker, plan
 from sb3_piano.players.rollout import Player
 from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.wrappers import HandActions
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 
 Action = npt.NDArray[np.float32]
 
@@ -78,7 +78,7 @@ class PlannedTeacher:
 
     def __init__(self, settings: PlanSettings, playing: PlayingSettings, env: HandActions) -> None:
         self._settings, self._playing, self._env = settings, playing, env
-        self._piano = piano_of(env, "PlannedTeacher")
+        self._piano = unwrap_piano(env, "PlannedTeacher")
 
     def predict(
         self,

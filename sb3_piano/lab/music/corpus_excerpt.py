@@ -13,7 +13,7 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.lab.music.corpus import Corpus
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Note, Score
 from sb3_piano.settings import Count, checked
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.piano import unwrap_piano
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper
 
 _MOST_DRAWS = 100
@@ -44,7 +44,7 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, corpus=corpus, episodes=episodes)
         super().__init__(env)
-        self._piano = piano_of(env, "CorpusExcerpt")
+        self._piano = unwrap_piano(env, "CorpusExcerpt")
         self._episodes = checked("episodes", episodes, Count)
         self._chosen: Score | None = None
         self._left = 0

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError, RunError, naming
-from sb3_piano.files import Place, read_file, write_bytes, write_yaml
+from sb3_piano.files import FileIn, read_file, write_bytes, write_yaml
 from sb3_piano.imports import full_name, import_name, is_dotted, known_packages_only
 from sb3_piano.jobs.folders import PROVENANCE, SETTINGS, is_empty, unwritable
 from sb3_piano.links import check_inside, keep_inside, make_folder
@@ -73,19 +73,19 @@ class RunFolder:
 
     path: Path
 
-    config_file = Place("config.yml")
-    provenance_file = Place(PROVENANCE)
-    unfinished_file = Place(".unfinished")
-    model_file = Place("model.zip")
-    statistics_file = Place("vecnormalize.pkl")
-    weights_file = Place("policy.safetensors")
-    hand_file = Place(HAND_FILE)
-    checkpoint_dir = Place("checkpoint")
-    monitor_dir = Place("monitor")
-    tensorboard_dir = Place("tensorboard")
-    evaluation_dir = Place("evaluation")
-    base_dir = Place(BASE)
-    pieces_dir = Place("pieces")
+    config_file = FileIn("config.yml")
+    provenance_file = FileIn(PROVENANCE)
+    unfinished_file = FileIn(".unfinished")
+    model_file = FileIn("model.zip")
+    statistics_file = FileIn("vecnormalize.pkl")
+    weights_file = FileIn("policy.safetensors")
+    hand_file = FileIn(HAND_FILE)
+    checkpoint_dir = FileIn("checkpoint")
+    monitor_dir = FileIn("monitor")
+    tensorboard_dir = FileIn("tensorboard")
+    evaluation_dir = FileIn("evaluation")
+    base_dir = FileIn(BASE)
+    pieces_dir = FileIn("pieces")
 
     @classmethod
     def create(

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.files import Place, write_text
+from sb3_piano.files import FileIn, write_text
 from sb3_piano.training.evaluation.evaluate import evaluate
 from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.training.playing.player_files import player_written
@@ -24,8 +24,8 @@ REPLAY = "replay"
 class ExportedFolder(RunFolder):
     """The folder of an exported run."""
 
-    card_file = Place("README.md")
-    video_file = Place(f"{REPLAY}.mp4")
+    card_file = FileIn("README.md")
+    video_file = FileIn(f"{REPLAY}.mp4")
 
 
 def export_run(

@@ -269,7 +269,7 @@ def test_what_is_written_of_several_pieces_is_compared(run, tmp_path):
     assert [pair.a for pair in pairs] == [one.mean["f1"] for one in found.by_piece]
     card = export_run(run.path, tmp_path / "shared", episodes=2, picture=None).card_file.read_text()
     assert f"| F1 | {found.mean['f1']:.4f} |" in card
-    assert "Of 2 episodes, seeds 0 1 of each of 3 pieces" in card
+    assert "2 episodes, seeds 0 1 on each of 3 pieces" in card
     assert "--seeds 0 1\n" in card
 
 

@@ -24,6 +24,7 @@ def driver(monkeypatch):
         sys.modules.pop(name, None)
 
 
+@pytest.mark.slow
 def test_a_chain_trains_each_stage_from_the_one_before_and_is_kept(driver, tmp_path):
     transfer = driver("transfer")
     assert transfer.PIECES == ("TwinkleTwinkle", "Reverie", "ClairDeLune", "MapleLeafRag")

@@ -211,6 +211,7 @@ def test_an_episode_needs_no_dm_control():
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
 
 
+@pytest.mark.slow
 def test_no_module_of_posix_is_needed_to_import_play_and_train(tmp_path):
     program = """
         import importlib, pkgutil, signal, sys

@@ -157,6 +157,7 @@ def test_a_high_temperature_draws_all_and_a_low_one_the_best():
     assert spreads[1] < 0.95 * spreads[0]  # the best of 33 are alike
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("algorithm", "score"),
     [(SAC, "critics"), (TQC, "critics"), (CrossQ, "both"), (SAC, "simulation")],
@@ -185,6 +186,7 @@ def test_a_model_is_saved_while_it_searches(tmp_path):
     assert loaded.predict(np.zeros(loaded.observation_space.shape))[0].shape == (20,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "message"),
     [

@@ -62,6 +62,7 @@ def test_one_band_comes_after_the_other_and_then_all_are_equally_likely(vector, 
     assert found == {(0, 1): {1, 2, 3}, (0, 2): second, (0, 3): {1, 2, 3, 4, 5}}
 
 
+@pytest.mark.slow
 def test_an_environment_without_a_piece_of_the_band_plays_its_nearest():
     easy, hard = [FIVE[1], FIVE[3]], [FIVE[0], FIVE[2], FIVE[4]]
     found = drawn(on_pieces(easy, hard), 2 * 300, bands=5, fraction=0.5)

@@ -195,6 +195,7 @@ def test_the_notes_of_a_hand_that_is_not_there_cannot_be_asked_for():
         PianoEnv(SCALE, hands="left", hands_in_scene="right")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("player", ["planned", "sight-reader"])
 def test_players_play_as_well_alone_as_beside_a_hand_at_rest(side, player):

@@ -65,6 +65,7 @@ def assert_done(folder):
     assert not [path for path in folder.rglob("*") if path.suffix in (".lock", ".partial")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("moment", "whom", "number", "status_then"),
     [
@@ -123,6 +124,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "work",
     [
@@ -163,6 +165,7 @@ def test_a_job_that_fails_stops_only_those_that_need_it(tmp_path):
     assert_done(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_takes_only_its_own_job_with_it(tmp_path):
     with open_executor(1) as pool:
         found = finish(jobs_in(tmp_path, die), pool, go_on="once more.")

@@ -53,6 +53,7 @@ def test_stages_are_trained_shown_and_evaluated(folder, capsys):
     assert "All stages had ended: nothing was left to do." in out
 
 
+@pytest.mark.slow
 def test_an_interruption_says_how_to_go_on(capsys):
     write({**PENDULUM, "callback": act_at(30, "SIGINT")}, PENDULUM)
     command = ["curriculum", "tiny.yml", "--run", "my runs", "--no-progress"]

@@ -41,6 +41,7 @@ def test_each_is_told_what_all_have_in_their_order():
     assert [number for number, _ in run_interleaved(growing, (1, 10))] == [442, 451]
 
 
+@pytest.mark.slow
 def test_in_two_processes_the_result_is_the_same():
     (one, here), (other, there) = in_two_processes(growing, 1, 10)
     assert (one, other) == (442, 451)
@@ -88,6 +89,7 @@ def test_hands_planned_in_two_processes_are_the_same_to_the_last_bit(monkeypatch
     assert apart.problems == here.problems
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("how", "may"), [(["{}.py"], False), (["-m", "{}"], usable_cores() > 1)])
 def test_a_script_starts_no_processes_as_it_may_have_no_guard(tmp_path, how, may):
     code = "from sb3_piano.planning.side_by_side import may_start_processes as may\nprint(may())\n"

@@ -44,6 +44,7 @@ def test_one_simulation_plays_what_the_player_does(kind, wrap):
         assert steps[0][1] == steps[1][1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "piece", "length"),
     [(SightReader, "FantaisieImpromptu", 1.5), (PlannedPianist, "MapleLeafRag", 2.0)],

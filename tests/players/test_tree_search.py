@@ -184,6 +184,7 @@ def test_a_single_simulation_plays_what_the_policy_does():
             observation, *_ = env.step(action)
 
 
+@pytest.mark.slow
 def test_a_search_earns_more_than_the_policy_it_starts_from():
     """With the values of a model that has learnt nothing: what is seen ahead is all that counts."""
     returns = []
@@ -239,6 +240,7 @@ def run(tmp_path_factory):
     return train(config, folder, progress_bar=False).folder.path
 
 
+@pytest.mark.slow
 def test_a_run_is_evaluated_and_played_with_a_tree(run, tmp_path):
     plain = evaluate(run)
     files = sorted(path.name for path in (run / "evaluation").iterdir())

@@ -259,6 +259,7 @@ def test_weights_that_do_not_fit_are_refused_and_change_nothing():
         hand_weights(other)
 
 
+@pytest.mark.slow
 def test_an_anchored_policy_stays_near_the_weights_that_it_was_given(tmp_path):
     away = {}
     for weight in (0.0, 3.0):

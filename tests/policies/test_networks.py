@@ -70,6 +70,7 @@ def test_the_optimizers_have_each_weight_once_and_none_that_was_replaced(trained
         assert sorted(optimised) == sorted(id(p) for p in part.parameters())
 
 
+@pytest.mark.slow
 def test_stock_load_gives_the_same_actions_and_goes_on_learning(trained, tmp_path):
     model, _ = trained
     model.save(tmp_path / "model.zip")

@@ -331,6 +331,7 @@ def improved(whole, few_steps, executor, tmp_path_factory):
     return interrupted, told, after
 
 
+@pytest.mark.slow
 def test_reinforcement_learning_goes_on_from_the_last_round_also_when_interrupted(improved):
     interrupted, told, result = improved
     steps = [done for text, done, _ in told if text.startswith("improved-0: training")]
@@ -400,6 +401,7 @@ def test_whole_pieces_are_played_without_a_duration(tiny):
     assert held_out_pieces(config)[-1].duration == whole.duration > 10
 
 
+@pytest.mark.slow
 def test_the_command_goes_on_in_a_folder_and_tells_what_came_of_it(whole, capsys):
     folder = str(whole.folder)
     assert main(["distill", "--resume", folder, "--workers", "1"]) == 0

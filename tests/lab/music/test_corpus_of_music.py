@@ -51,6 +51,7 @@ def test_equal_corpora_are_the_same_music_whatever_the_order_of_their_sources():
     assert list(one) == list(other)
 
 
+@pytest.mark.slow
 def test_its_share_of_the_excerpts_keeps_the_hands_for_which_they_are_written():
     written, changed, both = (Corpus(own_hands=share, n=30) for share in (1.0, 0.0, 0.5))
     kept = different = 0
@@ -73,6 +74,7 @@ def apart(score):
     return abs(right - left)
 
 
+@pytest.mark.slow
 def test_its_share_of_the_generated_excerpts_brings_the_hands_together():
     sources = {"generated": 1.0}
     far, near, some = (Corpus(sources=sources, near=share, n=60) for share in (0.0, 1.0, 0.3))

@@ -26,7 +26,7 @@ LINES = {
     "cli": 3_310,
     "demonstrations": 1_502,
     "envs": 3_690,
-    "hands": 1_104,
+    "hands": 1_099,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
@@ -39,7 +39,7 @@ LINES = {
     "policies": 1_588,
     "reading": 578,
     "simulation": 979,
-    "training": 6_290,
+    "training": 6_288,
     "tuning": 1_303,
     "vec_env": 488,
     "viewing": 2_563,
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_371
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_627, "modules": 335, "names": 227},
+    "core": {"lines": 49_620, "modules": 335, "names": 227},
     "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_130},
+    "tests": {"lines": 42_132},
 }
 
 

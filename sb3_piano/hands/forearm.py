@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class TurnedForearm:
     def of(cls, model: mujoco.MjModel, joint: int, actuator: int, sign: int) -> TurnedForearm:
         """Make it for the forearm that a joint turns."""
         body = model.jnt_bodyid[joint]
-        frame = _matrix(model.body_quat[body])
+        frame = rotation_matrix(model.body_quat[body])
         shapes = np.flatnonzero(model.geom_bodyid == body)
         corners = np.concatenate([_corners(model, int(shape)) for shape in shapes])
         return cls(
@@ -70,10 +71,11 @@ def _corners(model: mujoco.MjModel, shape: int) -> FloatArray:
     else:
         signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
         corners = model.geom_aabb[shape, :3] + signs * model.geom_aabb[shape, 3:]
-    return np.asarray(corners @ _matrix(model.geom_quat[shape]).T + model.geom_pos[shape])
+    return np.asarray(corners @ rotation_matrix(model.geom_quat[shape]).T + model.geom_pos[shape])
 
 
-def _matrix(quaternion: FloatArray) -> FloatArray:
+def rotation_matrix(quaternion: Any) -> FloatArray:
+    """Convert a quaternion (w first) to a rotation matrix, (3, 3)."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)

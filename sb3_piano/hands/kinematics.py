@@ -14,7 +14,7 @@ import numpy as np
 
 from sb3_piano.arrays import ComplexArray, FloatArray, IntArray
 from sb3_piano.engine import mujoco
-from sb3_piano.hands.forearm import TurnedForearm
+from sb3_piano.hands.forearm import TurnedForearm, rotation_matrix
 from sb3_piano.hands.spec import HandSpec
 
 _EXACT = 1e-12  # smaller values are rounding errors, of unit vectors and m
@@ -303,7 +303,7 @@ class HandKinematics:
         along = self.along
         joint = int(self.joint_ids[int(np.argmax(self.joint_of_actuator[:, along]))])
         body = int(scene.model.jnt_bodyid[joint])
-        axis = _matrix(scene.model.body_quat[body]) @ scene.model.jnt_axis[joint]
+        axis = rotation_matrix(scene.model.body_quat[body]) @ scene.model.jnt_axis[joint]
         self._arm_offset = float(scene.model.body_pos[body, 1])
         self.arm_slope = np.zeros(self.size)
         """(n,) derivatives of the forearm's place across the keys by the actuators."""
@@ -351,7 +351,7 @@ def _turns(model: mujoco.MjModel, joints: tuple[int, ...]) -> FloatArray:
         return np.eye(3)
     quaternion = np.empty(4)
     mujoco.mju_quatZ2Vec(quaternion, model.jnt_axis[joints[-1]])
-    return _matrix(quaternion)
+    return rotation_matrix(quaternion)
 
 
 def _groups(model: mujoco.MjModel, body: int) -> list[tuple[int, ...]]:
@@ -393,7 +393,7 @@ def _links(
 ) -> list[_Link]:
     """Make the links of a body, numbered from ``number`` on."""
     turned = _turn(model, int(model.body_parentid[body])).T
-    place, frame = model.body_pos[body], _matrix(model.body_quat[body])
+    place, frame = model.body_pos[body], rotation_matrix(model.body_quat[body])
     links = []
     for joints in _groups(model, body):
         turns = _turns(model, joints)
@@ -420,10 +420,4 @@ def _far_end(model: mujoco.MjModel, geom: int) -> float:
 
 
 def _axis(model: mujoco.MjModel, geom: int) -> FloatArray:
-    return np.asarray(_matrix(model.geom_quat[geom])[:, 2])
-
-
-def _matrix(quaternion: FloatArray) -> FloatArray:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
+    return np.asarray(rotation_matrix(model.geom_quat[geom])[:, 2])

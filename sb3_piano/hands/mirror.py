@@ -8,6 +8,7 @@ import numpy as np
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.engine import mujoco
+from sb3_piano.hands.forearm import rotation_matrix
 from sb3_piano.hands.spec import HandSpec
 
 _ACROSS = 1
@@ -72,10 +73,8 @@ def _mirrored(vector: Any, axis: int) -> FloatArray:
 
 def _turned(quaternion: Any, outer: int, inner: int) -> FloatArray:
     """Mirror a rotation between two frames, each along its own axis."""
-    numbers, turned = np.empty(9), np.empty(4)
-    mujoco.mju_quat2Mat(numbers, quaternion)
-    matrix = numbers.reshape(3, 3)
+    matrix, turned = rotation_matrix(quaternion), np.empty(4)
     matrix[outer] *= -1
     matrix[:, inner] *= -1
-    mujoco.mju_mat2Quat(turned, numbers)
+    mujoco.mju_mat2Quat(turned, matrix.reshape(9))
     return turned

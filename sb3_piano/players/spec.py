@@ -139,7 +139,7 @@ class PlayerSpec:
         if self.is_run:
             raise ConfigError(
                 f"The run '{self.name}' plays in its own environment: expected one of "
-                f"{', '.join(PLAYERS)}, or sb3_piano.training.open_player, which makes both."
+                f"{', '.join(PLAYERS)}, or sb3_piano.training.OpenPlayer.open, which opens both."
             )
         kind: Any = player_class(self.name)
         parameters = inspect.signature(kind, eval_str=False).parameters

@@ -160,7 +160,6 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
             env = env.for_others().with_options(score=stage_for(score).options["score"])
         if physics is not None:
             env = env.with_options(physics=physics)
-
         made = env.make(disturbed, EpisodeRecorder)
         with closed_if_it_fails(made):
             return cls.playing(spec.make(made, seed), made, spec, env, seed, algo=spec.name)
@@ -271,7 +270,6 @@ class OpenPlayer(contextlib.AbstractContextManager["OpenPlayer"]):
         if isinstance(self._env, gym.Env):
             played: tuple[Any, Any] = self.model.predict(observation, *arguments)
             return played
-
         from sb3_piano.training.runs.saved import predict_single
 
         with torch_computing():

@@ -272,8 +272,12 @@ def test_on_a_cluster_jobs_of_a_node_that_dies_go_on_elsewhere(ray_cluster, tmp_
     ray.cloudpickle.register_pickle_by_value(counting)  # which the nodes do not have
     jobs = jobs_in(tmp_path, pause=0.05)
 
+    def both_nodes_count():  # each has one core: two jobs that have saved and not finished
+        saved = {path.parent for path in tmp_path.glob("*/saved")}
+        return len(saved - {path.parent for path in tmp_path.glob("*/result.json")}) == 2
+
     def kill():
-        wait_for(lambda: len(list(tmp_path.glob("*/saved"))) == 2)
+        wait_for(both_nodes_count)
         ray_cluster.remove_node(next(iter(ray_cluster.worker_nodes)), allow_graceful=False)
 
     killer = threading.Thread(target=kill)

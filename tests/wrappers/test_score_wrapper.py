@@ -50,22 +50,17 @@ class TestOrderAndOptions:
 
 
 class TestSameObject:
-    @pytest.mark.parametrize(
-        "wrap",
-        [
-            lambda env: PitchShift(env, 1),
-            lambda env: OctaveShift(env, 1),
-            lambda env: TemporalStretch(env, 1.5),
-            lambda env: Excerpt(env, start=1, length=2),
-            lambda env: PitchShift(TemporalStretch(env, 2), -1),
-        ],
-    )
-    def test_a_fixed_change_keeps_the_goal_that_the_environment_has_prepared(self, wrap):
-        env = wrap(debug_env())
-        env.reset()
-        roll = env.unwrapped.roll
-        env.reset()
-        assert env.unwrapped.roll is roll
+    def test_a_fixed_change_keeps_the_goal_that_the_environment_has_prepared(self):
+        for wrapper, value in (
+            *((PitchShift, 1), (OctaveShift, 1), (TemporalStretch, 1.5)),
+            (lambda env, start: Excerpt(env, start=start, length=2), 1),
+            (lambda env, value: PitchShift(TemporalStretch(env, value), -1), 2),
+        ):
+            env = wrapper(debug_env(), value)
+            env.reset()
+            roll = env.unwrapped.roll
+            env.reset()
+            assert env.unwrapped.roll is roll
 
     def test_a_drawn_value_that_repeats_gives_the_same_object(self):
         env = PitchShift(piano(), [-1, 1])
@@ -132,16 +127,13 @@ class TestPossibleScores:
         assert max(score.pitch_range[1] for score in possible_scores(inner)) == 61
         assert six not in possible_scores(PitchShift(piano(six), 3))
 
-    @pytest.mark.parametrize(
-        "outer",
-        [
-            lambda env: TemporalStretch(env, [0.5, 2]),
-            lambda env: TemporalStretch(env, 2, probability=0.5),
-            lambda env: Excerpt(env, start="random", length=2),
-        ],
-    )
-    def test_of_a_part_of_what_is_drawn_all_notes_count(self, outer):
+    def test_of_a_part_of_what_is_drawn_all_notes_count(self):
         six = melody(60, 61, 62, 63, 64, 65, length=1.0)
-        env = outer(PitchShift(Excerpt(piano(six), start=0, length=1), 2))
-        pitches = {note.pitch for score in possible_scores(env) for note in score.notes}
-        assert pitches == {*range(62, 68)}
+        part = PitchShift(Excerpt(piano(six), start=0, length=1), 2)
+        for env in (
+            TemporalStretch(part, [0.5, 2]),
+            TemporalStretch(part, 2, probability=0.5),
+            Excerpt(part, start="random", length=2),
+        ):
+            pitches = {note.pitch for score in possible_scores(env) for note in score.notes}
+            assert pitches == {*range(62, 68)}

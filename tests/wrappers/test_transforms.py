@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
 from random_scores import FINGERS, scores
+from yaml_rows import Tables
 
+from sb3_piano import wrappers
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Note, Score
 from sb3_piano.wrappers import OctaveShift, PitchShift, TemporalStretch
@@ -53,35 +55,11 @@ class TestDrawnShift:
         assert sorted(drawn) == [-2, -1, 0, 1, 2]
         assert all(150 < count < 250 for count in drawn.values())
 
-    @pytest.mark.parametrize(
-        ("wrapper", "steps", "score", "drawn"),
-        [
-            (PitchShift, [-7, 7], melody(60, 106), range(-7, 3)),
-            (PitchShift, [-7, 7], melody(25, 60), range(-4, 8)),
-            (PitchShift, [-7, 7], melody(22, 107), range(-1, 2)),
-            (OctaveShift, [-3, 3], melody(60, 96), range(-36, 13, 12)),
-            (OctaveShift, [-3, 3], melody(60, 97), range(-36, 1, 12)),
-            (OctaveShift, [-3, 3], melody(33, 60), range(-12, 37, 12)),
-            (OctaveShift, [-3, 3], melody(32, 60), range(0, 37, 12)),
-        ],
-    )
-    def test_only_shifts_that_fit_the_piece_are_drawn(self, wrapper, steps, score, drawn):
-        assert set(shifts(wrapper(piano(), steps), score, 100)) == {*drawn}
-
-    @pytest.mark.parametrize(
-        ("wrapper", "steps", "score", "shift"),
-        [
-            (PitchShift, [5, 7], melody(60, 106), 2),
-            (PitchShift, [-9, -7], melody(25, 60), -4),
-            (OctaveShift, [2, 3], melody(60, 90), 12),
-            (OctaveShift, [1, 2], melody(60, 100), 0),
-            (OctaveShift, [-3, -2], melody(40, 60), -12),
-            (PitchShift, [50, 50], melody(60), 48),
-        ],
-    )
-    def test_where_none_fits_the_nearest_that_does_is_played(self, wrapper, steps, score, shift):
-        assert set(shifts(wrapper(piano(), steps), score, 10)) == {shift}
-        assert set(shifts(wrapper(piano(score), steps), score, 10)) == {shift}
+    @Tables(__file__)("wrapper, steps, pitches, drawn")
+    def test_only_shifts_that_fit_the_piece_are_drawn(self, wrapper, steps, pitches, drawn):
+        kind, score = getattr(wrappers, wrapper), melody(*pitches)
+        for env in (piano(), piano(score)):
+            assert set(shifts(kind(env, steps), score, 100)) == {*drawn}
 
 
 FACTORS = st.floats(0.1, 10.0)

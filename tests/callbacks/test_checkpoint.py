@@ -211,13 +211,10 @@ def test_a_state_that_its_callback_refuses_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"replay": null, "colour": 1}', "{"])
-def test_a_damaged_checkpoint_file_is_named(tmp_path, content):
+def test_a_damaged_checkpoint_file_or_one_that_is_missing_is_named(tmp_path, content):
     (tmp_path / "checkpoint.json").write_text(content)
     with pytest.raises(RunError, match=r"'.*checkpoint\.json' cannot be read"):
         Checkpoint.read(tmp_path)
-
-
-def test_a_missing_file_of_a_checkpoint_is_named(tmp_path):
     (tmp_path / "checkpoint.json").write_text('{"num_timesteps": 5, "model": "model-5.zip"}')
     with pytest.raises(RunError, match=r"names 'model-5\.zip', which is not there: expected all 1"):
         Checkpoint.read(tmp_path)

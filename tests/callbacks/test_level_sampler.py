@@ -36,11 +36,9 @@ class TestByScore:
         expected = [2 / 9, 1 / 9, 2 / 9, 4 / 9]
         np.testing.assert_allclose(score_shares([3.0, 1.0, 3.0, 5.0], 1.0), expected)
         np.testing.assert_allclose(score_shares([0.0] * 4, 0.1), [1 / 4] * 4)
-
-    def test_the_smallest_temperature_leaves_the_highest_score_alone(self):
+        # the smallest temperature leaves the highest score alone
         shares = score_shares(range(2000), 1e-300)
-        assert shares[-1] == 1
-        assert shares.sum() == 1
+        assert (shares[-1], shares.sum()) == (1, 1)
 
 
 class TestDistribution:
@@ -57,14 +55,11 @@ class TestDistribution:
         assert sampler.probabilities()["a"] == pytest.approx(0.7 * 2 / 11)
         assert sampler.probabilities()["b"] == pytest.approx(0.7 * 6 / 11 + 0.3 * 2 / 3)
 
-    @pytest.mark.parametrize(("rho", "expected"), [(0.0, [2 / 3, 1 / 3]), (1.0, [0.0, 1.0])])
-    def test_rho_chooses_between_both(self, rho, expected):
-        sampler = sampler_of({"b": 1.0, "a": 2.0}, beta=1.0, rho=rho)
-        assert list(sampler.probabilities(["a", "b"]).values()) == pytest.approx(expected)
-
-    def test_where_none_has_waited_scores_alone_count(self):
-        sampler = sampler_of({"a": 1.0, "b": 3.0}, rho=1.0)
-        assert sampler.probabilities(["b"]) == {"b": 1.0}
+    def test_rho_chooses_between_both_and_where_none_has_waited_scores_alone_count(self):
+        for rho, expected in ((0.0, [2 / 3, 1 / 3]), (1.0, [0.0, 1.0])):
+            sampler = sampler_of({"b": 1.0, "a": 2.0}, beta=1.0, rho=rho)
+            assert list(sampler.probabilities(["a", "b"]).values()) == pytest.approx(expected)
+        assert sampler_of({"a": 1.0, "b": 3.0}, rho=1.0).probabilities(["b"]) == {"b": 1.0}
         only = LevelSampler(["a", "b"], rho=1.0)
         for name in "ab":
             only.rate(name, 1.0)  # as after a restart amid the first episodes
@@ -74,11 +69,6 @@ class TestDistribution:
         sampler = sampler_of({"a": 1.0, "b": 3.0, "c": 2.0}, beta=1.0, rho=0.3)
         found = sampler.probabilities(["a", "c"])
         assert found == pytest.approx({"a": 0.7 / 3 + 0.3, "c": 0.7 * 2 / 3})
-
-    def test_a_new_score_takes_the_place_of_the_former_one(self):
-        sampler = sampler_of({"a": 1.0, "b": 3.0})
-        sampler.rate("a", 4.0)
-        assert sampler.levels["a"] == Level(score=4.0, visits=1, last=1)
 
     @given(
         st.lists(st.floats(0, 1e6), min_size=1, max_size=20),
@@ -107,21 +97,20 @@ class TestUnseen:
         assert sampler.unseen({"b"}) == ["c"]
         assert sampler.probabilities(playing={"b"}) == {"a": 0.0, "b": 0.0, "c": 1.0}
         assert sampler.probabilities(playing={"b", "c"}) == {"a": 1.0, "b": 0.0, "c": 0.0}
-
-    def test_one_whose_episode_was_broken_off_is_still_unseen(self):
-        sampler = LevelSampler(["a", "b"])
-        sampler.visit("a")
-        assert sampler.unseen() == ["a", "b"]
-
-    def test_where_all_are_played_for_the_first_time_they_are_equally_likely(self):
-        sampler = LevelSampler(["a", "b"])
-        assert sampler.probabilities(playing={"a", "b"}) == {"a": 0.5, "b": 0.5}
+        assert sampler.unseen() == ["b", "c"]  # also if that episode was broken off
+        first = LevelSampler(["a", "b"]).probabilities(playing={"a", "b"})
+        assert first == {"a": 0.5, "b": 0.5}
 
 
 class TestGini:
-    def test_of_the_most_uneven_case_of_the_paper_and_of_no_counts(self):
+    def test_of_the_most_uneven_case_of_the_paper_of_no_counts_and_of_visits(self):
         assert gini([689] + [111 / 29] * 29) == pytest.approx(0.828, abs=5e-4)  # evened out
         assert gini([]) == 0
+        sampler = sampler_of({"a": 1.0, "b": 1.0})
+        assert sampler.gini == 0
+        sampler.visit("a")
+        sampler.visit("a")
+        assert sampler.gini == pytest.approx(0.25)  # of 3 and 1
 
     @given(st.lists(st.integers(0, 1000), min_size=1, max_size=30))
     def test_it_is_the_sum_over_all_pairs(self, counts):
@@ -129,13 +118,6 @@ class TestGini:
         total = 2 * len(v) * v.sum()
         by_pairs = np.abs(v[:, None] - v).sum() / total if total else 0.0
         assert gini(counts) == pytest.approx(by_pairs)
-
-    def test_of_a_sampler_it_is_that_of_the_visits(self):
-        sampler = sampler_of({"a": 1.0, "b": 1.0})
-        assert sampler.gini == 0
-        sampler.visit("a")
-        sampler.visit("a")
-        assert sampler.gini == pytest.approx(0.25)  # of 3 and 1
 
 
 class TestState:
@@ -150,22 +132,18 @@ class TestState:
             twin.rate("b", 1.0)
         assert other.probabilities() == sampler.probabilities()
 
-    def test_levels_may_come_and_go(self):
+    def test_levels_may_come_and_go_and_a_new_score_takes_the_place_of_the_former_one(self):
         sampler = sampler_of({"a": 1.0, "b": 2.0})
+        sampler.rate("b", 4.0)
         sampler.set_levels(["c", "b"])
-        assert list(sampler.levels) == ["c", "b"]
-        assert sampler.levels["b"] == Level(score=2.0, visits=1, last=2)
-        assert sampler.levels["c"] == Level()
+        assert sampler.levels == {"c": Level(), "b": Level(score=4.0, visits=1, last=2)}
 
     @tables("state, message")
-    def test_what_is_no_state_is_refused(self, state, message):
+    def test_what_is_no_state_or_score_is_refused(self, state, message):
         sampler = sampler_of({"a": 1.0})
         with pytest.raises(ConfigError, match=message):
             sampler.load_state_dict(state)
         assert list(sampler.levels) == ["a"]
-
-
-@pytest.mark.parametrize("score", [-0.1, float("nan"), float("inf")])
-def test_a_score_that_is_none_is_refused(score):
-    with pytest.raises(ConfigError, match=f"score is {score}: expected a finite number, 0 or more"):
-        LevelSampler(["a"]).rate("a", score)
+        for score in (-0.1, float("nan"), float("inf")):
+            with pytest.raises(ConfigError, match=f"score is {score}: expected a finite number"):
+                sampler.rate("a", score)

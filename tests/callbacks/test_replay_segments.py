@@ -90,18 +90,13 @@ def _zeros_inside(content):
     return content[: start + 20] + bytes(30) + content[start + 50 :]
 
 
-@pytest.mark.parametrize("damage", ["missing", "cut", "empty", "zeros inside"])
-def test_a_missing_or_damaged_segment_is_named(tmp_path, damage):
+def test_a_missing_or_damaged_segment_is_named(tmp_path):
     saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
     path = tmp_path / "replay-0-4.npz"
     content = path.read_bytes()
     path.unlink()
-    left = {
-        "cut": content[: len(content) // 2],
-        "empty": b"",
-        "zeros inside": _zeros_inside(content),
-    }
-    if damage in left:
-        path.write_bytes(left[damage])
-    with pytest.raises(RunError, match=r"Replay segment '.*replay-0-4\.npz' cannot be read"):
-        restore_replay_buffer(make_buffer(), tmp_path, saved)
+    for left in (None, content[: len(content) // 2], b"", _zeros_inside(content)):
+        if left is not None:
+            path.write_bytes(left)
+        with pytest.raises(RunError, match=r"Replay segment '.*replay-0-4\.npz' cannot be read"):
+            restore_replay_buffer(make_buffer(), tmp_path, saved)

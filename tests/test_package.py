@@ -13,8 +13,11 @@ from pathlib import Path
 import pytest
 import yaml
 from fresh_python import run_python
+from yaml_rows import Tables
 
 import sb3_piano
+
+tables = Tables(__file__)
 
 PACKAGE = Path(sb3_piano.__file__).parent
 ROOT = Path(__file__).parents[1]
@@ -166,22 +169,7 @@ sys.exit(main({arguments}))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("more", "arguments", "code", "said"),
-    [
-        ([], ["--no-video"], 0, "F1 0.9"),
-        ([], ["--no-video", "--player", "planned"], 0, "F1 0.9"),
-        ([], ["--size", "64x36"], 2, "There is no video. A video needs ffmpeg"),
-        ([], ["--no-video", "--report"], 2, "A page needs plotly, which is not installed"),
-        (
-            ["imageio-ffmpeg", "plotly", "narwhals"],
-            ["--view", "roll", "--size", "64x36", "--report"],
-            0,
-            "report.html",
-        ),
-    ],
-    ids=["sight-reader", "planned", "no ffmpeg", "no plotly", "all that is seen"],
-)
+@tables("more, arguments, code, said")
 def test_what_requirements_play_lists_is_enough_to_play(more, arguments, code, said, tmp_path):
     listed = [line for line in TO_PLAY if not line.startswith("#")]
     piece = ["--set", "physics=fast", "--out", str(tmp_path), "--no-progress"]

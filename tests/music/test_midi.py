@@ -77,10 +77,7 @@ class TestFingering:
         back = round_trip(Score(notes=notes, title="piece"), tmp_path)
         assert {n.hand for n in back.notes} == {None}
 
-    @pytest.mark.parametrize(
-        ("name", "finger"),
-        [("R1", 0), ("L5", 9), (" L1 ", 5), ("R2 2", 1), ("R6", -1), ("Piano", -1), ("R1 x", -1)],
-    )
+    @tables("name, finger")
     def test_only_the_documented_track_names_are_fingers(self, name, finger, tmp_path):
         named = mido.MetaMessage("track_name", name=name)
         path = save(tmp_path / "a.mid", [named, on(60), off(60, 500)])
@@ -132,10 +129,7 @@ class TestWrittenBars:
         assert self.bars(bars, tmp_path, end) == pytest.approx(read or bars, abs=0.5e-4)
         assert meters in (None, list(map(list, signatures(tmp_path / "a.mid"))))
 
-    @pytest.mark.parametrize(
-        ("length", "signature"),
-        [(2, (4, 4)), (1.5, (3, 4)), (3, (6, 4)), (0.25, (1, 8)), (0.9375, (15, 32)), (9, (18, 4))],
-    )
+    @tables("length, signature")
     def test_equal_ones_are_one_meter(self, length, signature, tmp_path):
         expected = [i * length for i in range(40) if i * length < 10]
         assert self.bars(expected, tmp_path) == pytest.approx(expected, abs=1e-9)

@@ -133,10 +133,7 @@ def test_microtones_are_rounded(tmp_path):
     assert read_musicxml(tmp_path / "a.xml").notes[0].pitch == 61
 
 
-@pytest.mark.parametrize(
-    ("chosen", "expected"),
-    [(["Alto", "bass"], [48, 60]), ([1], [72]), (["4", "Tenor"], [48, 55])],
-)
+@tables("chosen, expected")
 def test_parts_are_chosen_by_name_or_number(chosen, expected, tmp_path):
     parts = {"Soprano": "C5:4", "Alto": "C4:4", "Tenor": "G3:4", "Bass": "C3:4"}
     (tmp_path / "choir.xml").write_text(notation.document(parts), "utf-8")

@@ -147,10 +147,7 @@ def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("how", "by_thumb"),
-    [([], True), (["--fingering", "robot"], False), (["--fingering", "index.mid"], False)],
-)
+@tables("how, by_thumb")
 def test_a_planned_pianist_is_recorded_with_the_fingers_that_are_observed(
     tmp_path, how, by_thumb, monkeypatch
 ):

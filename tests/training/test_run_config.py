@@ -1,7 +1,6 @@
 """A run's config is checked when it is made and survives YAML."""
 
 import contextlib
-import sys
 from pathlib import Path
 
 import pytest
@@ -90,20 +89,6 @@ def test_unknown_and_missing_keys_of_a_mapping_are_named(small_config):
 def test_a_correction_of_no_run_names_none(small_config):
     config = small_config(env_wrapper="sb3_piano.training.RunResidual")
     assert config.env.base is None
-
-
-def test_the_module_of_an_environment_is_imported_and_remembered(
-    small_config, tmp_path, monkeypatch
-):
-    (tmp_path / "registering_module.py").write_text(
-        "import gymnasium\n"
-        "gymnasium.register('Elsewhere-v0', 'gymnasium.envs.classic_control:PendulumEnv')\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    config = small_config(env_id="registering_module:Elsewhere-v0")
-    assert (config.env_module, config.env_id) == ("registering_module", "Elsewhere-v0")
-    assert RunConfig(**config.to_mapping()) == config
-    assert "registering_module" in sys.modules
 
 
 @pytest.mark.parametrize(

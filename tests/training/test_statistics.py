@@ -59,10 +59,7 @@ def test_a_summary_has_mean_deviation_and_interval():
     assert summary.no_interval is None
 
 
-@pytest.mark.parametrize(
-    ("values", "reason"),
-    [([0.3], "fewer than 2 values"), ([0.1, 0.1, 0.1], "all values are equal")],
-)
+@tables("values, reason")
 def test_where_nothing_varies_there_is_a_reason_in_place_of_an_interval(values, reason):
     summary = summarize(values)
     assert (summary.std, summary.interval, summary.no_interval) == (0.0, None, reason)

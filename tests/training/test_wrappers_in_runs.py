@@ -16,7 +16,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
 from yaml_rows import Tables
 
-from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.cli import main
@@ -31,7 +30,6 @@ from sb3_piano.training import (
     train,
     write_report,
 )
-from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.viewing.take import Take
 
 tables = Tables(__file__)
@@ -87,19 +85,6 @@ def assert_has_the_stack(venv):
 
 def pitches(score):
     return [note.pitch for note in score.notes]
-
-
-def play_steps(venv, count):
-    """Return observations, rewards and ends of steps with random actions."""
-    random = np.random.default_rng(0)
-    observations, rewards, dones = [venv.reset()], [], []
-    for _ in range(count):
-        action = random.uniform(-1, 1, venv.action_space.shape)
-        observation, reward, done, _ = venv.step(np.tile(action, (venv.num_envs, 1)))
-        observations.append(observation)
-        rewards.append(reward)
-        dones.append(done)
-    return np.array(observations), np.array(rewards), np.array(dones)
 
 
 # From YAML into a run, and out of its folder again.
@@ -184,47 +169,6 @@ def test_wrong_arguments_are_one_clear_error_and_leave_no_folder(
     assert message in error
     assert "Traceback" not in error
     assert not (tmp_path / "run").exists()
-
-
-# Vectors of environments, buffers and copies.
-
-
-@pytest.mark.slow
-def test_environments_in_threads_and_processes_have_the_same_wrappers(piano_config):
-    played = []
-    for vec_env in VEC_ENVS:
-        n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start
-        venv = build_vec_env(piano_config(n_envs=n_envs, vec_env=vec_env))
-        try:
-            assert venv.observation_space.shape == (STACKED_SIZE,)
-            played.append(play_steps(venv, STACKED_STEPS + 2))
-            weights = [weights["fingering"] for weights in venv.get_attr("reward_weights")]
-            assert weights == pytest.approx([2 - 2 * (STACKED_STEPS + 2 - 5) / 20] * n_envs)
-        finally:
-            venv.close()
-    assert np.flatnonzero(played[0][2].all(axis=1)).tolist() == [STACKED_STEPS - 1]
-    for others in played[1:]:
-        for mine, other in zip(played[0], others, strict=True):
-            np.testing.assert_array_equal(mine[:, : other.shape[1]], other.astype(mine.dtype))
-
-
-def test_a_compact_buffer_holds_exactly_what_a_cut_observation_shows(piano_config):
-    rows = []
-    for buffer in ("sb3_piano.buffers.CompactReplayBuffer", None):
-        changes = {} if buffer is None else {"replay_buffer_class": buffer}
-        arguments = {"learning_starts": 1000, "buffer_size": 50, **changes}
-        config = piano_config(n_timesteps=30, algorithm_kwargs=arguments)
-        venv = build_vec_env(config)
-        model = build_model(config, venv)
-        model.learn(30)
-        assert isinstance(model.replay_buffer, CompactReplayBuffer) is (buffer is not None)
-        everything = np.arange(30), np.zeros(30, dtype=int)
-        rows.append(model.replay_buffer.observations[everything])
-        rows.append(model.replay_buffer.next_observations[everything])
-        venv.close()
-    assert rows[0].shape == (30, STACKED_SIZE)
-    np.testing.assert_array_equal(rows[0], rows[2])
-    np.testing.assert_array_equal(rows[1], rows[3])
 
 
 # Stock RL Zoo.

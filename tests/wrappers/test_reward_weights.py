@@ -11,11 +11,14 @@ from gymnasium.wrappers import TimeLimit, TransformReward
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from short_scores import score_of
+from yaml_rows import Tables
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import FingeringDecay, KeyRewardTiering, RewardTiering, RewardWeights
+
+tables = Tables(__file__)
 
 TINY = score_of((0.0, 0.1, 60, 0), (0.15, 0.25, 64, 6), title="tiny")
 STEPS = 6
@@ -130,15 +133,7 @@ def test_the_weight_falls_linearly_over_episodes_and_stays():
     assert weights_of(env, 12) == approx([1, 1, 0.8, None, 0.4, 0.2, 0, None, 0, 0, 0, None])
 
 
-@pytest.mark.parametrize(
-    ("inner", "final", "expected"),
-    [
-        (1.0, 0.5, [0.75, 0.5, 0.5]),
-        (1.0, 3, [2.0, 3.0, 3.0]),  # it may rise as well
-        (4.0, 0.0, [2.0, 0.0, 0.0]),
-        (0.0, 0.0, [0.0, 0.0, 0.0]),
-    ],
-)
+@tables("inner, final, expected")
 def test_it_starts_from_the_weight_inside_and_ends_at_the_final_one(inner, final, expected):
     made = FingeringDecay(short_piano(reward_weights={"fingering": inner}), 2, final=final)
     wrapped = FingeringDecay(RewardWeights(short_piano(), {"fingering": inner}), 2, final=final)

@@ -136,30 +136,19 @@ def test_a_piece_says_what_it_is_and_survives_pickling():
     assert pickle.loads(pickle.dumps(piece.build))(tempo=90) == piece.score(tempo=90)
 
 
-def test_the_tempo_is_quarter_notes_a_minute():
-    score = SCALES["scale-CMajor"].score(tempo=120)
+def test_tempo_hand_octaves_and_repeats_are_as_asked_for():
+    piece = SCALES["scale-CMajor"]
+    score = piece.score(tempo=120)  # quarter notes a minute
     assert (score.notes[2].onset, score.duration, score.bars) == (0.5, 7.5, (0.0, 2.0, 4.0, 6.0))
-
-
-@pytest.mark.parametrize("hand", ["right", "left"])
-def test_one_hand_plays_what_it_plays_in_both(hand):
-    piece = SCALES["scale-EbMajor"]
-    both = [note for note in piece.score().notes if note.hand == hand]
-    assert list(piece.score(hands=hand).notes) == both
-
-
-def test_each_repeat_begins_with_a_bar_of_its_own():
-    once = SCALES["scale-CMajor"].score(hands="left")
-    twice = SCALES["scale-CMajor"].score(hands="left", repeats=2)
+    for hand in ("right", "left"):
+        assert list(piece.score(hands=hand).notes) == part("scale-CMajor", hand)
+    pitches = [note.pitch for note in part("scale-CMajor", "left", octaves=2, hands="left")]
+    assert pitches == there_and_back([48, 50, 52, 53, 55, 57, 59, 60, 62, 64, 65, 67, 69, 71, 72])
+    once, twice = piece.score(hands="left"), piece.score(hands="left", repeats=2)
     assert twice.bars == tuple(3.0 * bar for bar in range(8))
     assert twice.excerpt(0.0, 12.0).notes == once.notes
     assert twice.excerpt(12.0, 24.0).notes == once.notes
     assert twice.duration == 23.25
-
-
-def test_more_octaves_go_on_where_the_first_ends():
-    pitches = [note.pitch for note in part("scale-CMajor", "left", octaves=2, hands="left")]
-    assert pitches == there_and_back([48, 50, 52, 53, 55, 57, 59, 60, 62, 64, 65, 67, 69, 71, 72])
 
 
 @tables("name, options, most")

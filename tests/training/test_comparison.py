@@ -92,12 +92,6 @@ def test_pairs_may_be_the_seeds_of_the_trainings(run_folder, tmp_path):
     ]
 
 
-def test_an_evaluation_that_does_not_tell_the_seed_of_its_training_is_refused(run_folder):
-    old = run_folder("old", "Scale", [0.1])
-    with pytest.raises(RunError, match="of Scale in '.*old' does not tell the training's seed"):
-        compare(old, old, by="training-seed")
-
-
 def test_equal_means_are_no_difference_however_many_episodes_they_are_from(written):
     """The mean of three times 0.1 is 0.10000000000000002."""
     a = written("a.json", {"Scale": episodes(0.1, 0.1, 0.1), "Waltz": episodes(0.1)})
@@ -160,22 +154,17 @@ def test_the_json_and_the_csv_have_what_was_found(written, tmp_path):
     }  # fmt: skip
 
 
-def test_an_unknown_metric_is_answered_with_the_nearest(written):
+def test_what_cannot_be_compared_is_refused(written, run_folder):
     a = written("a.json", {"Scale": episodes(0.1, onset_f1=0.2, sustain_f1=0.2)})
     with pytest.raises(ConfigError, match=r"'onsetf1'\. Did you mean 'onset_f1'.*one of f1, onset"):
         compare(a, a, ["onsetf1"])
-
-
-def test_what_pairs_is_checked(written):
-    a = written("a.json", {"Scale": episodes(0.1)})
     with pytest.raises(ConfigError, match=r"by is 'seeds': expected one of 'piece', .*\. Did"):
         compare(a, a, by="seeds")
-
-
-def test_evaluations_of_other_pieces_are_refused(written):
-    a, b = written("a.json", {"Scale": episodes(1)}), written("b.json", {"Waltz": episodes(1)})
     with pytest.raises(RunError, match="no piece in common.*has Scale; the latter has Waltz"):
-        compare(a, b)
+        compare(a, written("b.json", {"Waltz": episodes(1)}))
+    old = run_folder("old", "Scale", [0.1])
+    with pytest.raises(RunError, match="of Scale in '.*old' does not tell the training's seed"):
+        compare(old, old, by="training-seed")
 
 
 def test_what_is_not_there_is_named(written, run_folder, tmp_path):

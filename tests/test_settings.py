@@ -54,11 +54,6 @@ def test_a_value_that_does_not_fit_is_named_with_what_was_expected(values, messa
     assert str(raised.value) == message
 
 
-def test_what_has_no_default_is_asked_for():
-    with pytest.raises(ConfigError, match="title is missing"):
-        Canvas()
-
-
 def test_numbers_of_numpy_and_paths_become_plain_ones(tmp_path):
     canvas = Canvas(title="Sea", width=np.int64(3), scale=np.float32(0.5), file=tmp_path)
     assert (canvas.width, canvas.scale, canvas.file) == (3, 0.5, str(tmp_path))
@@ -75,18 +70,18 @@ def test_settings_are_frozen_dataclasses_that_can_be_changed_in_copies():
     assert pickle.loads(pickle.dumps(canvas)) == copy.deepcopy(canvas) == canvas
 
 
-@pytest.mark.parametrize(
-    ("kind", "text"),
-    [
+def test_single_values_are_checked_alike_and_one_without_default_is_asked_for():
+    share = Unit(", as it is a share")
+    for kind, text in (
         (Annotated[Number, Gt(0), Le(1)], "a finite number above 0, 1 or less"),
         (Annotated[Number, Lt(1)], "a finite number below 1"),
-        (Annotated[Number, Ge(-1), Le(1), Unit(", as it is a share")], "-1 to 1, as it is a share"),
+        (Annotated[Number, Ge(-1), Le(1), share], "-1 to 1, as it is a share"),
         (Annotated[Whole, Ge(2)] | None, "a whole number, 2 or more"),
-    ],
-)
-def test_single_values_are_checked_alike(kind, text):
-    with pytest.raises(ConfigError, match=f"^n is 'x': expected .*{text}.$"):
-        checked("n", "x", kind)
+    ):
+        with pytest.raises(ConfigError, match=f"^n is 'x': expected .*{text}.$"):
+            checked("n", "x", kind)
+    with pytest.raises(ConfigError, match="title is missing"):
+        Canvas()
 
 
 @settings

@@ -84,7 +84,7 @@ def test_a_roll_out_gives_each_episode_when_it_has_ended(piano):
     played = rollout(player, piano, episodes=2, seed=3, on_step=steps.append)
     first = next(played)
     length = len(piano.roll)
-    assert (first.metrics["length"], len(steps)) == (length, length)
+    assert (first.metrics["length"], len(steps), first.title) == (length, length, "scale-CMajor")
     assert player.asked[:2] == [(None, True), (1, False)]
     assert len(list(played)) == 1
     assert player.asked[length][1], "the second episode begins"

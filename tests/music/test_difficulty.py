@@ -188,7 +188,7 @@ def test_pieces_come_easiest_first_and_equal_ones_share_their_place():
     assert list(found) == ["b", "c", "d", "a"]
     assert [d.rank for d in found.values()] == [1, 1, 3, 4]
     assert [d.percentile for d in found.values()] == [37.5, 37.5, 75.0, 100.0]
-    with pytest.raises(ConfigError, match="3 of 4 pieces have no recorded performance, first 'd'"):
+    with pytest.raises(ConfigError, match="3 of 4 pieces have no recorded performance, first 'a'"):
         rank(pieces, {"b": motion()})
 
 

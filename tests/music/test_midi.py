@@ -134,7 +134,7 @@ class TestWrittenBars:
     def test_equal_ones_are_one_meter(self, length, signature, tmp_path):
         expected = [i * length for i in range(40) if i * length < 10]
         assert self.bars(expected, tmp_path) == pytest.approx(expected, abs=1e-9)
-        assert signatures(tmp_path / "a.mid") == [signature]
+        assert signatures(tmp_path / "a.mid") == [tuple(signature)]
 
     def test_pretty_midi_finds_the_same(self, tmp_path):
         bars = [0, 1.23456, 1.7, 3.7, 5.7, 6.45]

@@ -49,13 +49,6 @@ def test_values_are_converted_and_written_in_full(full_config):
     assert full_config.env_wrapper == (wrapper,)
 
 
-def test_a_config_does_not_share_what_it_was_given(small_config):
-    arch = [8]
-    config = small_config(algorithm_kwargs={"policy_kwargs": {"net_arch": arch}})
-    arch.append(9)
-    assert config.algorithm_kwargs["policy_kwargs"]["net_arch"] == [8]
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -70,24 +63,26 @@ def test_a_wrong_setting_is_refused_by_name(small_config, changes, message):
         small_config(**changes)
 
 
-def test_noise_is_refused_where_the_algorithm_has_none(small_config):
-    with pytest.raises(ConfigError, match="noise_type is 'normal', but PPO takes no action noise"):
-        RunConfig(
-            algo="ppo", env_id="Pendulum-v1", n_timesteps=5, noise_type="normal", noise_std=0.1
-        )
-
-
-def test_unknown_and_missing_keys_of_a_mapping_are_named(small_config):
+def test_unknown_missing_and_unfitting_keys_of_a_mapping_are_named(small_config):
     mapping = small_config().to_mapping()
     with pytest.raises(ConfigError, match=r"Unknown setting 'n_env' of RunConfig. Did you"):
         RunConfig(**{**mapping, "n_env": 1})
+    noise = {"noise_type": "normal", "noise_std": 0.1}
+    with pytest.raises(ConfigError, match="noise_type is 'normal', but PPO takes no action noise"):
+        RunConfig(algo="ppo", env_id="Pendulum-v1", n_timesteps=5, **noise)
     del mapping["n_timesteps"]
     with pytest.raises(ConfigError, match="n_timesteps is missing"):
         RunConfig(**mapping)
 
 
-def test_a_correction_of_no_run_names_none(small_config):
-    config = small_config(env_wrapper="sb3_piano.training.RunResidual")
+def test_a_config_does_not_share_what_it_was_given_and_a_correction_of_no_run_names_none(
+    small_config,
+):
+    arch = [8]
+    arguments = {"policy_kwargs": {"net_arch": arch}}
+    config = small_config(algorithm_kwargs=arguments, env_wrapper="sb3_piano.training.RunResidual")
+    arch.append(9)
+    assert config.algorithm_kwargs["policy_kwargs"]["net_arch"] == [8]
     assert config.env.base is None
 
 

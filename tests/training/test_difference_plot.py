@@ -1,7 +1,6 @@
 """The picture of a comparison, as matplotlib's objects tell what is in it."""
 
 import pytest
-from matplotlib.image import imread
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import compare
@@ -172,10 +171,11 @@ def test_the_suffix_tells_the_format(of_differences, tmp_path, name, beginning):
     assert {file.name for file in tmp_path.iterdir()} == {"a.json", "b.json", name}
 
 
-def test_more_pairs_make_a_higher_picture(of_differences, tmp_path):
+def test_more_pairs_make_a_higher_picture(of_differences):
     def height(count):
-        of_differences({f"No. {n}": n / 10 for n in range(count)}).plot(tmp_path / "p.png")
-        return imread(tmp_path / "p.png").shape[0]
+        return difference_plot(
+            of_differences({f"No. {n}": n / 10 for n in range(count)})
+        ).get_figheight()
 
     assert height(5) < height(12) < height(30)
     assert height(75) == height(150)

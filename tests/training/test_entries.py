@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from rl_zoo3.utils import StoreDict
 from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
@@ -134,6 +133,8 @@ def test_what_rl_zoo_does_not_know_is_left_out_named_and_an_option_of_ours(tmp_p
 
 
 def test_rl_zoos_own_parser_reads_the_arguments_of_the_environment():
+    from rl_zoo3.utils import StoreDict  # which takes long to be imported
+
     kwargs = {
         "score": 'it\'s a "study" of `rm` $HOME, C:\\x!.mid',
         "n_steps_lookahead": 2,

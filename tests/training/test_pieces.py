@@ -195,6 +195,7 @@ def test_studies_of_a_run_are_judged_as_they_were_trained(config, tmp_path):
         assert one.episodes[0]["length"] == pytest.approx(length / 0.05, abs=2)
 
 
+@pytest.mark.slow
 def test_an_exported_run_has_copies_of_its_pieces(config, corpus, tmp_path):
     write_midi(load_score(corpus / "62.mid"), tmp_path / "mine.mid")
     assert main(["pieces", "import", str(tmp_path / "mine.mid")]) == 0

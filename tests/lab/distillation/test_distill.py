@@ -252,6 +252,7 @@ def test_going_on_after_a_crash_makes_what_was_lost_again_and_nothing_else(
     assert [dataclasses.replace(r, minutes=0) for r in result.rounds] == without_times
 
 
+@pytest.mark.slow
 def test_what_cannot_be_played_is_skipped_and_told(tiny, executor, tmp_path):
     file = tmp_path / "no music.mid"
     file.write_bytes(b"MThd nothing else")
@@ -358,6 +359,7 @@ def test_reinforcement_learning_goes_on_from_the_last_round_also_when_interrupte
     assert (run.seed, run.algorithm_kwargs["policy_kwargs"]["net_arch"]["pi"]) == (0, [32])
 
 
+@pytest.mark.slow
 def test_what_came_of_it_plays_as_it_was_judged(improved, executor):
     result = improved[2]
     score = load_score("TwinkleTwinkle").excerpt(0.0, 2.0)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from scipy import stats
 from yaml_rows import Tables
 
 from sb3_piano import threads
@@ -61,10 +60,11 @@ def test_results_are_of_the_scores_and_the_network_that_the_package_has():
 
 
 def test_the_commands_of_results_are_ones_that_there_are():
+    parser = parser_of(["results"])
     for found in ALL_RESULTS:
         program, *arguments = shlex.split(found.command)
         assert program == "sb3-piano"
-        given = parser_of().parse_args(arguments)
+        given = parser.parse_args(arguments)
         assert (given.pieces, given.players) == ([found.piece], [found.player])
 
 
@@ -185,6 +185,8 @@ def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end_and_seeds_are_o
 
 
 def test_the_interval_over_seeds_is_that_of_scipy_for_stratified_samples():
+    from scipy import stats  # which takes long to be imported
+
     scores = np.random.default_rng(1).beta(4, 2, size=(6, 8))
 
     def statistic(*samples, axis):

@@ -39,19 +39,21 @@ def test_default_stands_for_all_other_environments(tmp_path):
     assert load_config("sac", "MountainCarContinuous-v0", path).n_timesteps == 5
 
 
-def test_overrides_replace_keys_and_env_kwargs_are_added():
-    config = load_config(
-        "td3",
-        "Pendulum-v1",
-        ZOO_FILE,
-        n_timesteps=50,
-        gamma="0.5",
-        seed=0,
-        env_kwargs={"max_episode_steps": 9, "g": 5.0},
-    )
+def test_overrides_replace_keys_and_env_kwargs_are_added_and_wrong_ones_are_named():
+    changes = {"n_timesteps": 50, "gamma": "0.5", "seed": 0}
+    given = {"max_episode_steps": 9, "g": 5.0}
+    config = load_config("td3", "Pendulum-v1", ZOO_FILE, **changes, env_kwargs=given)
     assert (config.n_timesteps, config.seed) == (50, 0)
     assert config.algorithm_kwargs["gamma"] == 0.5
     assert config.env_kwargs == {"max_episode_steps": 9, "render_mode": None, "g": 5.0}
+    for env_id, file, wrong, message in (
+        ("Pendulum-v9", ZOO_FILE, {}, r"^Unknown environment 'Pendulum-v9'"),
+        ("MountainCar-v0", ZOO_FILE, {}, r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"),
+        ("Pendulum-v1", ZOO_FILE, {"n_envs": 0}, "'Pendulum-v1' with n_envs replaced: n_envs is 0"),
+        ("Pendulum-v1", [1], {}, r"config is \[1\]: expected a YAML file"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            load_config("td3", env_id, file, **wrong)
 
 
 NESTED = "a: &a0 [1]\n" + "".join(f"b{i}: &a{i + 1} [*a{i}, *a{i}]\n" for i in range(30))
@@ -75,20 +77,6 @@ def test_a_file_that_cannot_be_used_is_named_with_the_reason_in_a_line(tmp_path,
         load_config("td3", "Pendulum-v1", path)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 1500
-
-
-@pytest.mark.parametrize(
-    ("env_id", "file", "changes", "message"),
-    [
-        ("Pendulum-v9", ZOO_FILE, {}, r"^Unknown environment 'Pendulum-v9'"),
-        ("MountainCar-v0", ZOO_FILE, {}, r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"),
-        ("Pendulum-v1", ZOO_FILE, {"n_envs": 0}, "'Pendulum-v1' with n_envs replaced: n_envs is 0"),
-        ("Pendulum-v1", [1], {}, r"config is \[1\]: expected a YAML file"),
-    ],
-)
-def test_what_is_asked_for_and_cannot_be_read_is_named(env_id, file, changes, message):
-    with pytest.raises(ConfigError, match=message):
-        load_config("td3", env_id, file, **changes)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "sac", "td3", "tqc"])

@@ -51,7 +51,7 @@ def test_the_observation_is_followed_by_the_action_as_it_was_clipped_and_its_rew
             assert reward != 0.0
 
 
-def test_the_reward_is_the_one_of_the_environment_inside():
+def test_the_reward_is_the_one_of_the_environment_inside_and_actions_of_another_range_are_refused():
     hundredfold = lambda env: TransformReward(env, lambda reward: 100 * reward)  # noqa: E731
     inside, outside = PreviousActionReward(hundredfold(piano())), PreviousActionReward(piano())
     around = hundredfold(outside)
@@ -59,6 +59,11 @@ def test_the_reward_is_the_one_of_the_environment_inside():
         env.reset()
         shown, reward, *_ = env.step(env.unwrapped.rest_action)
         assert shown[-1] == np.float32(reward / shown_share)
+    for low, high in ((-2, 1), (-1, 2), (-0.5, 0.5)):
+        rescaled = RescaleAction(piano(), np.float32(low), np.float32(high))
+        message = rf"actions of Box\({low:.1f}, {high:.1f}.*from -1 to 1"
+        with pytest.raises(ConfigError, match=message):
+            PreviousActionReward(rescaled)
 
 
 def test_an_action_that_its_owner_changes_later_is_remembered_as_it_was():
@@ -72,13 +77,6 @@ def test_an_action_that_its_owner_changes_later_is_remembered_as_it_was():
     again, *_ = env.step(action)
     assert (block(env, seen, "previous_action") == 0.5).all()
     assert (block(env, again, "previous_action") == -1.0).all()
-
-
-@pytest.mark.parametrize(("low", "high"), [(-2, 1), (-1, 2), (-0.5, 0.5)])
-def test_actions_of_another_range_are_refused(low, high):
-    rescaled = RescaleAction(piano(), np.float32(low), np.float32(high))
-    with pytest.raises(ConfigError, match=rf"actions of Box\({low:.1f}, {high:.1f}.*from -1 to 1"):
-        PreviousActionReward(rescaled)
 
 
 # The flag of relabelled episodes as part of what is observed.
@@ -242,14 +240,11 @@ def test_ranges_can_be_nested_and_the_inner_one_decides_what_is_left_to_cut():
 # Notes beyond the range.
 
 
-def test_a_piece_that_leaves_the_range_is_refused_by_the_names_of_its_notes():
+def test_a_piece_that_leaves_the_range_is_refused_and_the_next_one_is_played():
     with pytest.raises(ScoreError, match=r"C#6, D6, of pitch 85, 86, but.*48 to 83 \(C3 to B5\)"):
         KeyRange(PianoEnv("DMajorScaleTwoHands"), 36)
     with pytest.raises(ScoreError, match=r"Eb2, C6, C8, of pitch 39, 84, 108"):
         KeyRange(PianoEnv(TINY), 36)
-
-
-def test_a_piece_given_to_reset_is_refused_too_and_the_next_one_is_played():
     env = KeyRange(middle(), 12)
     with pytest.raises(ScoreError, match=r"C5, of pitch 72, but.*or outside=\"hide\""):
         env.reset(options={"score": MIDDLE.transpose(12)})
@@ -316,6 +311,19 @@ def test_a_time_is_a_number_of_steps():
         assert layout["goal"].shape == (steps + 1, 89)
 
 
+@pytest.mark.parametrize("stride", [1, 3])
+def test_it_commutes_with_a_range_of_keys_and_of_two_the_outermost_decides(stride):
+    cut_last = KeyRange(Lookahead(piano(), 6, stride=stride, fingers=True), 36, outside="hide")
+    cut_first = Lookahead(KeyRange(piano(), 36, outside="hide"), 6, stride=stride, fingers=True)
+    assert repr(cut_last.observation_layout) == repr(cut_first.observation_layout)
+    once, twice = Lookahead(piano(), 2), Lookahead(Lookahead(piano(), 7, fingers=True), 2)
+    labels = twice.observation_layout["lookahead_fingering"]
+    assert labels.shape == (8, 10)
+    for first, second, shown, other in episode(cut_last, cut_first, once, twice):
+        np.testing.assert_array_equal(first, second)
+        np.testing.assert_array_equal(other[: labels.start], shown)
+
+
 def due_by_hand(roll, step, rows, stride):
     """Return the goal's rows and those of the fingers, read off the roll note by note."""
     goal, fingers = np.zeros((rows, 89)), np.zeros((rows, 10))
@@ -357,24 +365,6 @@ def test_a_hundred_steps_in_strides_of_ten_are_eleven_rows_as_in_robovirtuoso():
     assert "10 control steps" in layout["goal"].meaning
     assert "10 control steps" in layout["lookahead_fingering"].meaning
     assert "control steps." not in Lookahead(PianoEnv(TINY), 5).observation_layout["goal"].meaning
-
-
-@pytest.mark.parametrize("stride", [1, 3])
-def test_it_commutes_with_a_range_of_keys(stride):
-    cut_last = KeyRange(Lookahead(piano(), 6, stride=stride, fingers=True), 36, outside="hide")
-    cut_first = Lookahead(KeyRange(piano(), 36, outside="hide"), 6, stride=stride, fingers=True)
-    assert repr(cut_last.observation_layout) == repr(cut_first.observation_layout)
-    for first, second in episode(cut_last, cut_first):
-        np.testing.assert_array_equal(first, second)
-
-
-def test_the_outermost_of_two_decides():
-    once = Lookahead(piano(), 2)
-    twice = Lookahead(Lookahead(piano(), 7, fingers=True), 2)
-    labels = twice.observation_layout["lookahead_fingering"]
-    assert labels.shape == (8, 10)
-    for first, second in episode(once, twice):
-        np.testing.assert_array_equal(second[: labels.start], first)
 
 
 def test_each_episode_shows_its_own_piece():

@@ -126,11 +126,18 @@ def approx(values):
     return [None if value is None else pytest.approx(value) for value in values]
 
 
-def test_the_weight_falls_linearly_over_episodes_and_stays():
+def test_the_weight_falls_linearly_over_episodes_and_stays_and_two_decays_multiply():
     env = FingeringDecay(short_piano(), 5, start=2)
     env.reset(seed=0)
     # the fourth step of each episode has no finger label
     assert weights_of(env, 12) == approx([1, 1, 0.8, None, 0.4, 0.2, 0, None, 0, 0, 0, None])
+    env = FingeringDecay(short_piano(), 10)
+    env.unwrapped.total_steps = 6  # which were played before
+    env.reset(seed=0)
+    assert weights_of(env, 3) == approx([0.3, 0.2, 0.1])
+    env = FingeringDecay(FingeringDecay(short_piano(), 4), 2)
+    env.reset(seed=0)
+    assert weights_of(env, 3) == approx([0.75 * 0.5, 0, 0])
 
 
 @tables("inner, final, expected")
@@ -140,16 +147,3 @@ def test_it_starts_from_the_weight_inside_and_ends_at_the_final_one(inner, final
     for env in (made, wrapped):
         env.reset(seed=0)
         assert weights_of(env, 3) == approx(expected)
-
-
-def test_it_goes_on_from_the_steps_that_were_played_before():
-    env = FingeringDecay(short_piano(), 10)
-    env.unwrapped.total_steps = 6
-    env.reset(seed=0)
-    assert weights_of(env, 3) == approx([0.3, 0.2, 0.1])
-
-
-def test_two_decays_multiply_and_do_not_disturb_each_other():
-    env = FingeringDecay(FingeringDecay(short_piano(), 4), 2)
-    env.reset(seed=0)
-    assert weights_of(env, 3) == approx([0.75 * 0.5, 0, 0])

@@ -82,6 +82,10 @@ def test_single_values_are_checked_alike_and_one_without_default_is_asked_for():
             checked("n", "x", kind)
     with pytest.raises(ConfigError, match="title is missing"):
         Canvas()
+    with pytest.raises(
+        ConfigError, match=r"^sizes\[1\] is 0: expected a whole number, 1 or more.$"
+    ):
+        Canvas(title="Sea", sizes=(3, 0))
 
 
 @settings

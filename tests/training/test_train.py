@@ -73,6 +73,13 @@ def test_nothing_is_written_if_anything_cannot_be_built(run, tmp_path, changes, 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_info_keyword_that_the_environment_does_not_tell_is_named(run):
+    with pytest.raises(
+        ConfigError, match="info_keywords has 'f1', which the info of 'Pendulum-v1'"
+    ):
+        run(monitor_kwargs={"info_keywords": ["f1"]})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("action", ["SIGINT", "SIGTERM", "SIGHUP", "keyboard"])
 def test_an_interruption_saves_and_says_so(run, action):

@@ -203,6 +203,7 @@ class TestFolder:
         assert main(["pieces", "show", name]) == 0
         assert "Elise.mid" in capsys.readouterr().out  # where it comes from
 
+    @pytest.mark.slow
     def test_two_processes_import_what_one_does(self, music, tmp_path):
         for number in range(5):
             save(music / f"{number}.mid", 60 + number)

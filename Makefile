@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: install demo web replay site lint check test suite matrix clean
+.PHONY: install demo web replay site lint check quick test suite matrix clean
 
 install: $(INSTALLED)
 
@@ -59,8 +59,11 @@ WORKERS := $(shell cores=$$(nproc 2>/dev/null || echo 2); echo $$((cores < 4 ? c
 PYTEST := $(if $(MEMORY),PYTEST_DEBUG_TEMPROOT=$(MEMORY)) PYTHONDONTWRITEBYTECODE= \
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-# What to run while working: all but the slow tests.
-check: lint
+# What to run while working: all but the slow tests, and the linters meanwhile.
+check: $(INSTALLED)
+	$(MAKE) --no-print-directory --jobs 2 lint quick
+
+quick: $(INSTALLED)
 	$(PYTEST) -m "not slow"
 
 # Everything; `pytest` alone, in one process, is the same. `make --jobs 2 test` lints meanwhile.

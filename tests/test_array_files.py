@@ -59,22 +59,16 @@ def test_no_more_is_unpacked_than_there_may_be(tmp_path, method):
         read_arrays(two, most=9200)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        npy((10**12,), b"few"),
-        npy((10**12, 0), b""),
-        npy((-1, -3), b"few"),
+def test_a_header_that_claims_what_is_not_there_is_refused(tmp_path):
+    for content in (
+        *(npy((10**12,), b"few"), npy((10**12, 0), b""), npy((-1, -3), b"few")),
         npy((1,), b"\x80\x04N.    ", "|O"),
         npy((3,), b"few").replace(b"'|u1'", b"'|q9'"),
         npy((3,), b"few").replace(b"(3,)", b"((("),
-        b"",
-        b"no array",
-    ],
-)
-def test_a_header_that_claims_what_is_not_there_is_refused(tmp_path, content):
-    with pytest.raises(ValueError, match="."):
-        read_arrays(write_zip(tmp_path / "file.npz", a=content))
+        *(b"", b"no array"),
+    ):
+        with pytest.raises(ValueError, match="."):
+            read_arrays(write_zip(tmp_path / "file.npz", a=content))
 
 
 def test_an_archive_that_claims_to_go_on_is_told(tmp_path):

@@ -110,14 +110,8 @@ def test_jobs_run_in_waves_and_what_comes_after_has_no_more_cores_than_it_can_us
     assert experiment.seconds(machines=1, cores=2) == 3 * 10 + 30
     assert experiment.seconds(machines=2, cores=2) == 2 * 10 + 30
     assert experiment.seconds(machines=100, cores=16) == 10 + 30
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(90, "2 min"), (2 * 3600, "2.0 h"), (40 * 3600, "40 h"), (50 * 3600, "2.1 days")],
-)
-def test_times_are_in_a_unit_that_suits_them(scale, seconds, words):
-    assert scale.in_words(seconds) == words
+    times = {90: "2 min", 2 * 3600: "2.0 h", 40 * 3600: "40 h", 50 * 3600: "2.1 days"}
+    assert {seconds: scale.in_words(seconds) for seconds in times} == times
 
 
 # The benchmark of learning curves.
@@ -174,14 +168,6 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     assert (out / "curves.png").stat().st_size > 10_000
 
 
-def test_a_report_of_no_training_is_refused_in_a_sentence(tmp_path, capsys):
-    file = tmp_path / "study.yml"
-    file.write_text(yaml.safe_dump(STUDY))
-    with pytest.raises(SystemExit):
-        learning["main"]([str(file), "--out", str(tmp_path / "out"), "--report"])
-    assert "expected one that has ended" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_a_training_ends_after_the_steps_of_its_settings(tmp_path):
     given = {"n_timesteps": 20, "learning_starts": 100}
@@ -195,7 +181,7 @@ def test_a_training_ends_after_the_steps_of_its_settings(tmp_path):
     assert last["steps"] == 20
 
 
-def test_a_study_takes_the_first_seconds_of_its_pieces(tmp_path):
+def test_a_study_takes_the_first_seconds_of_its_pieces_and_reports_what_has_ended(tmp_path, capsys):
     file = tmp_path / "study.yml"
     file.write_text(yaml.safe_dump({**STUDY, "pieces": ["FurElise"], "seconds": 3}))
     whole, piece = learning["Study"].from_yaml(file, tmp_path / "out").pieces
@@ -206,6 +192,9 @@ def test_a_study_takes_the_first_seconds_of_its_pieces(tmp_path):
     assert [note.pitch for note in score.notes[:4]] == [
         note.pitch for note in load_score("FurElise").notes[:4]
     ]
+    with pytest.raises(SystemExit):
+        learning["main"]([str(file), "--out", str(tmp_path / "out"), "--report"])
+    assert "expected one that has ended" in capsys.readouterr().err
 
 
 def test_evaluations_normalise_as_the_training_does(tmp_path):

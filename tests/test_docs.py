@@ -189,6 +189,14 @@ def test_a_notebook_is_kept_without_what_it_printed(notebook):
     assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
 
 
+def test_what_the_makefile_and_the_examples_name_is_there_and_valid():
+    script = re.search(r"^demo:.*\n\t\$\(BIN\)/python (\S+)$", MAKEFILE, re.MULTILINE)[1]
+    assert (ROOT / script).is_file()
+    file = ROOT / "examples" / "callbacks.yml"
+    (env_id,) = yaml.safe_load(file.read_text(encoding="utf-8"))
+    assert build_callbacks(load_config("td3", env_id, file))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_prints_a_number(example, tmp_path):
@@ -199,14 +207,3 @@ def test_an_example_runs_and_prints_a_number(example, tmp_path):
         example, text = tmp_path / example.name, text.replace(old, new)
         example.write_text(text, encoding="utf-8")
     assert re.search(r"\d", run([str(example)], tmp_path))
-
-
-def test_the_demo_of_the_makefile_is_there():
-    script = re.search(r"^demo:.*\n\t\$\(BIN\)/python (\S+)$", MAKEFILE, re.MULTILINE)[1]
-    assert (ROOT / script).is_file()
-
-
-def test_the_callbacks_of_the_examples_have_valid_settings():
-    file = ROOT / "examples" / "callbacks.yml"
-    (env_id,) = yaml.safe_load(file.read_text(encoding="utf-8"))
-    assert build_callbacks(load_config("td3", env_id, file))

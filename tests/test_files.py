@@ -114,25 +114,20 @@ def test_a_link_goes_on_leading_to_the_file_that_is_written(tmp_path):
     assert [path.name for path in file.parent.iterdir()] == ["file"]
 
 
-def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
-    pipe, read = tmp_path / "pipe", []
+def test_a_pipe_and_what_a_process_has_open_are_written_to_and_not_replaced(tmp_path):
+    log, pipe, read = tmp_path / "log", tmp_path / "pipe", []
+    log.write_text("before\n")
+    with log.open("a") as file:
+        write_text(Path(f"/dev/fd/{file.fileno()}"), "after\n")
+    assert log.read_text() == "before\nafter\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["log"]
     os.mkfifo(pipe)
     reader = threading.Thread(target=lambda: read.append(pipe.read_text()), daemon=True)
     reader.start()
     check_writable(pipe)
     write_text(pipe, "what is told")
     reader.join(30)
-    assert read == ["what is told"]
-    assert pipe.is_fifo()
-
-
-def test_what_a_process_has_open_is_written_to_and_not_replaced(tmp_path):
-    log = tmp_path / "log"
-    log.write_text("before\n")
-    with log.open("a") as file:
-        write_text(Path(f"/dev/fd/{file.fileno()}"), "after\n")
-    assert log.read_text() == "before\nafter\n"
-    assert [path.name for path in tmp_path.iterdir()] == ["log"]
+    assert (read, pipe.is_fifo()) == (["what is told"], True)
 
 
 def test_a_file_that_cannot_be_written_is_found_without_writing_it(tmp_path):

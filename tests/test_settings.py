@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 import pytest
 from annotated_types import Ge, Gt, Le, Lt
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import (
@@ -25,6 +26,8 @@ from sb3_piano.settings import (
     checked,
     settings,
 )
+
+tables = Tables(__file__)
 
 
 @settings
@@ -44,39 +47,11 @@ class Canvas:
             raise ConfigError("title is 'untitled': expected a name.")
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"width": 0}, "width is 0: expected a whole number from 1 to 1920 pixels."),
-        ({"width": True}, "width is True: expected a whole number from 1 to 1920 pixels."),
-        ({"width": 2.5}, "width is 2.5: expected a whole number from 1 to 1920 pixels."),
-        ({"seed": 0}, "seed is 0: expected a whole number, 1 or more."),
-        ({"scale": float("nan")}, "scale is nan: expected a finite number."),
-        ({"scale": "1 m"}, "scale is '1 m': expected a finite number."),
-        ({"file": 3}, "file is 3: expected text."),
-        ({"grey": 1}, "grey is 1: expected true or false."),
-        ({"style": "oils"}, "style is 'oils': expected one of 'oil', 'chalk'. Did you mean 'oil'?"),
-        ({"weights": {"a": 2}}, "weights['a'] is 2: expected a finite number from 0 to 1."),
-        ({"weights": [2]}, "weights is [2]: expected a mapping."),
-        ({"sizes": 3}, "sizes is 3: expected a list."),
-        ({"sizes": (3, 0)}, "sizes[1] is 0: expected a whole number, 1 or more."),
-        ({"title": "untitled"}, "title is 'untitled': expected a name."),
-        (
-            {"widht": 3},
-            "Unknown setting 'widht' of Canvas. Did you mean 'width' or 'weights'? Expected one of "
-            "width, seed, scale, file, grey, style, weights, sizes, title.",
-        ),
-    ],
-)
+@tables("values, message")
 def test_a_value_that_does_not_fit_is_named_with_what_was_expected(values, message):
     with pytest.raises(ConfigError) as raised:
         Canvas(**{"title": "Sea", **values})
     assert str(raised.value) == message
-
-
-def test_what_has_no_default_is_asked_for():
-    with pytest.raises(ConfigError, match="title is missing"):
-        Canvas()
 
 
 def test_numbers_of_numpy_and_paths_become_plain_ones(tmp_path):
@@ -95,18 +70,22 @@ def test_settings_are_frozen_dataclasses_that_can_be_changed_in_copies():
     assert pickle.loads(pickle.dumps(canvas)) == copy.deepcopy(canvas) == canvas
 
 
-@pytest.mark.parametrize(
-    ("kind", "text"),
-    [
+def test_single_values_are_checked_alike_and_one_without_default_is_asked_for():
+    share = Unit(", as it is a share")
+    for kind, text in (
         (Annotated[Number, Gt(0), Le(1)], "a finite number above 0, 1 or less"),
         (Annotated[Number, Lt(1)], "a finite number below 1"),
-        (Annotated[Number, Ge(-1), Le(1), Unit(", as it is a share")], "-1 to 1, as it is a share"),
+        (Annotated[Number, Ge(-1), Le(1), share], "-1 to 1, as it is a share"),
         (Annotated[Whole, Ge(2)] | None, "a whole number, 2 or more"),
-    ],
-)
-def test_single_values_are_checked_alike(kind, text):
-    with pytest.raises(ConfigError, match=f"^n is 'x': expected .*{text}.$"):
-        checked("n", "x", kind)
+    ):
+        with pytest.raises(ConfigError, match=f"^n is 'x': expected .*{text}.$"):
+            checked("n", "x", kind)
+    with pytest.raises(ConfigError, match="title is missing"):
+        Canvas()
+    with pytest.raises(
+        ConfigError, match=r"^sizes\[1\] is 0: expected a whole number, 1 or more.$"
+    ):
+        Canvas(title="Sea", sizes=(3, 0))
 
 
 @settings
@@ -135,15 +114,7 @@ def test_numbers_may_be_text_as_pyyaml_reads_them_and_whole_ones_floats():
         checked("width", "1e-3", Whole)
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ("a", "it is 'a': expected a whole number or a list of 2."),
-        ([1, 2], "it[1] is 2: expected text."),
-        ([1], "it is (1,): expected a list of 2."),
-        ([1, "a", 2], "it is [1, 'a', 2]: expected a whole number or a list of 2."),
-    ],
-)
+@tables("value, message")
 def test_of_several_kinds_all_are_told_or_what_came_furthest(value, message):
     with pytest.raises(ConfigError) as raised:
         checked("it", value, Whole | Annotated[tuple[Whole, str], Listed] | None)

@@ -10,11 +10,9 @@ import pytest
 
 import sb3_piano
 from sb3_piano.cli import main
-from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.music.formats.midi_reading import read_midi
-from sb3_piano.players import PlayerSpec, rollout
 from sb3_piano.training import OpenPlayer
 from sb3_piano.viewing.take import Take
 
@@ -54,28 +52,22 @@ def test_a_take_comes_back_from_its_file(take):
     assert found.piano.metrics() == pytest.approx(take.piano.metrics(), nan_ok=True, abs=0)
 
 
-def test_a_take_of_no_piano_has_no_file():
+def test_a_damaged_take_is_refused_and_one_of_no_piano_is_not_written(take):
+    for name, change, message in (
+        ("qpos", lambda rows: rows[1:], "a row more"),
+        ("qpos", lambda rows: np.hstack([rows, rows]), r"its scene has \d+ joints"),
+        ("performance_sustain", lambda steps: steps[1:], "sustain has shape"),
+        ("performance_strike_time", lambda times: times[1:], "strike_time has shape"),
+        ("roll_active", lambda keys: keys[1:], "Array 'finger' has shape"),
+        ("header", lambda text: text[1:], "is no take"),
+    ):
+        take.write("take.npz")
+        arrays = dict(np.load("take.npz"))
+        np.savez("take.npz", **(arrays | {name: change(arrays[name])}))
+        with pytest.raises(ConfigError, match=message):
+            Take.read("take.npz")
     with pytest.raises(RunError, match="is of no piano"):
         Take(metrics={"return": 1.0}).write("take.npz")
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"qpos": lambda rows: rows[1:]}, "a row more"),
-        ({"qpos": lambda rows: np.hstack([rows, rows])}, r"its scene has \d+ joints"),
-        ({"performance_sustain": lambda steps: steps[1:]}, "sustain has shape"),
-        ({"performance_strike_time": lambda times: times[1:]}, "strike_time has shape"),
-        ({"roll_active": lambda keys: keys[1:]}, "Array 'finger' has shape"),
-        ({"header": lambda text: text[1:]}, "is no take"),
-    ],
-)
-def test_a_damaged_take_is_refused(take, changes, message):
-    take.write("take.npz")
-    arrays = dict(np.load("take.npz"))
-    np.savez("take.npz", **(arrays | {n: change(arrays[n]) for n, change in changes.items()}))
-    with pytest.raises(ConfigError, match=message):
-        Take.read("take.npz")
 
 
 def test_commands_take_a_take_in_place_of_a_player(capsys):
@@ -90,14 +82,6 @@ def test_commands_take_a_take_in_place_of_a_player(capsys):
     assert "tune" in capsys.readouterr().out
     assert main(["play", file, "--player", "planned"]) == 2
     assert "--player cannot be given with the take" in capsys.readouterr().err
-
-
-def test_every_roll_out_yields_takes():
-    env = PianoEnv(TUNE, physics="fast", reduced_action_space=False)
-    (take,) = rollout(PlayerSpec.parse("sight-reader").make(env), env)
-    assert take.title == TUNE.title
-    assert take.scene.options == env.scene.options
-    assert len(take.qpos) == len(take.piano) + 1
 
 
 def test_a_midi_file_walks_through_ten_rooms_to_what_is_heard(capsys):

@@ -9,9 +9,12 @@ import threading
 import time
 
 import pytest
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.threads import ThreadTeam, usable_cores
+
+tables = Tables(__file__)
 
 PATIENCE = 60.0  # s, after which a test that hangs fails
 
@@ -50,18 +53,7 @@ def eventually(condition):
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize(
-    ("n_slots", "n_threads", "shares"),
-    [
-        (1, 1, [1]),
-        (4, 1, [4]),
-        (4, 2, [2, 2]),
-        (5, 2, [2, 3]),
-        (3, 2, [1, 2]),
-        (7, 3, [2, 2, 3]),
-        (2, 5, [1, 1]),
-    ],
-)
+@tables("n_slots, n_threads, shares")
 def test_each_thread_serves_neighbouring_slots_and_the_caller_the_first_ones(
     make_team, n_slots, n_threads, shares
 ):

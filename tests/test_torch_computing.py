@@ -93,12 +93,7 @@ def test_a_training_has_its_threads_and_precision_and_goes_on_with_them(
     assert (torch.get_num_threads(), torch.get_float32_matmul_precision()) == (FORMER, "high")
 
 
-def test_a_precision_that_there_is_not_is_refused():
-    with pytest.raises(ConfigError, match="matmul_precision.*'low'.*medium"):
-        pendulum(matmul_precision="low")
-
-
-def test_what_plays_has_its_threads(tmp_path, monkeypatch):
+def test_what_plays_has_its_threads_and_another_precision_is_refused(tmp_path, monkeypatch):
     run = train(pendulum(num_threads=2), tmp_path / "run", progress_bar=False).folder
     seen, forward = set(), torch.nn.Linear.forward
 
@@ -109,3 +104,5 @@ def test_what_plays_has_its_threads(tmp_path, monkeypatch):
     monkeypatch.setattr(torch.nn.Linear, "forward", noted)
     evaluate(run.path)
     assert seen == {1}
+    with pytest.raises(ConfigError, match="matmul_precision.*'low'.*medium"):
+        pendulum(matmul_precision="low")

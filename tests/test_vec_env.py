@@ -264,13 +264,7 @@ def test_processes_go_on_after_an_error_and_after_ctrl_c_before_their_answers_we
     assert rewards.tolist() == [0.5, 1.0]
     shared.step_async(actions)
     assert shared.reset().shape == (2, *shared.observation_space.shape)
-
-
-@pytest.mark.slow
-def test_what_cannot_be_read_here_leaves_no_answer_for_the_next_call(venvs):
-    shared = venvs(ProcessVecEnv, [Flat] * 2, n_processes=2)
-    shared.reset()
-    for method, error, told in (
+    for method, error, told in (  # what cannot be read here leaves no answer for the next call
         ("raise_unreadable", RunError, "^UnreadableError: these two$"),
         ("raise_local", RunError, "^LocalError: of here$"),
         ("unreadable", TypeError, "missing 1 required positional argument"),

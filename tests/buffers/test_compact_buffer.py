@@ -57,14 +57,13 @@ def test_n_step_returns_are_equal_too(n_steps):
         assert_equal(*pair)
 
 
-@pytest.mark.parametrize("handle", [True, False])
-def test_time_limits_are_handled_as_asked(handle):
+def test_time_limits_are_handled_as_asked():
     kinds = (CompactReplayBuffer, ReplayBuffer)
-    pair = [kind(9, SPACE, ACTIONS, "cpu", handle_timeout_termination=handle) for kind in kinds]
-    transition = (*Play().step([True])[:-1], [{"TimeLimit.truncated": True}])
-    add(pair, transition)
-    assert_equal(*pair)
-    assert pair[0].sample(1).dones.item() == (0.0 if handle else 1.0)
+    for handle in (True, False):
+        pair = [kind(9, SPACE, ACTIONS, "cpu", handle_timeout_termination=handle) for kind in kinds]
+        add(pair, (*Play().step([True])[:-1], [{"TimeLimit.truncated": True}]))
+        assert_equal(*pair)
+        assert pair[0].sample(1).dones.item() == (0.0 if handle else 1.0)
 
 
 @pytest.mark.parametrize(
@@ -185,9 +184,8 @@ def test_transitions_of_other_environments_than_its_own_are_refused(kind):
     assert buffer.size() == 0
 
 
-def test_pictures_of_other_environments_are_refused():
-    space = spaces.Dict({"seen": SPACE})
-    buffer = CompactDictReplayBuffer(8, space, ACTIONS, n_envs=2)
+def test_mappings_of_other_environments_are_refused():
+    buffer = CompactDictReplayBuffer(8, spaces.Dict({"seen": SPACE}), ACTIONS, n_envs=2)
     shown, following, *rest = Play().step()
     with pytest.raises(ConfigError, match="of 1 environments, those of the CompactDict.* of 2"):
         buffer.add({"seen": shown}, {"seen": following}, *rest)

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 from transitions import SPACE, Play, assert_equal, make_pair, make_space
+from yaml_rows import Tables
 
 from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
 from sb3_piano.callbacks.replay_segments import (
@@ -18,6 +19,8 @@ from sb3_piano.callbacks.replay_segments import (
     restore_replay_buffer,
 )
 from sb3_piano.exceptions import RunError
+
+tables = Tables(__file__)
 
 
 class LabelledBuffer(ReplayBuffer):
@@ -101,14 +104,7 @@ def test_rounded_last_observations_outlive_resuming(tmp_path):
     assert_equal(restored, stock)
 
 
-@pytest.mark.parametrize(
-    ("blocks", "text"),
-    [
-        (((2, False), (9, True), (2, False), (3, True)), r"'binary_columns' is bool \(15,\): exp"),
-        (((2, False), (8, True), (1, False), (4, True)), "'binary_columns' differ from those of"),
-    ],
-    ids=["another size", "another layout of equal size"],
-)
+@tables("blocks, text")
 def test_rows_of_another_observation_are_refused(tmp_path, blocks, text):
     play, (compact, _) = Play(), make_pair(6)
     segments = ReplaySegments(tmp_path, compact)

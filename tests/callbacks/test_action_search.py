@@ -41,17 +41,6 @@ def looked_at(callback, look, **arguments):
     learner(**arguments).learn(20, callback=[callback, looking(look)])
 
 
-def test_after_an_interrupted_training_another_one_searches_anew():
-    model = learner()
-
-    callback = ActionSearchCallback(candidates=3)
-    with pytest.raises(KeyboardInterrupt):
-        model.learn(20, callback=[callback, ActAt(15, "keyboard")])
-    model.learn(20, callback=callback)
-    assert model.num_timesteps == 20
-    assert "_predict" not in vars(model.policy)
-
-
 def test_evaluations_in_the_training_are_not_searched():
     judge = F1Callback(piano(), deterministic=False, eval_freq=4, evaluate_start=True)
     callback = ActionSearchCallback(candidates=3, score="simulation")
@@ -97,13 +86,22 @@ def test_greedy_choice_by_critics_takes_the_action_that_they_value_most():
     looked_at(ActionSearchCallback(candidates=12, choice="greedy", optimism=1.5), look)
 
 
-def test_a_single_candidate_is_the_policys_own_action():
+def test_a_single_candidate_is_the_policys_own_action_and_the_model_is_saved_meanwhile(tmp_path):
     def look(model):
         own, _ = model.policy.predict(model._last_obs, deterministic=True)
         np.testing.assert_allclose(explored(model), own, atol=1e-6)
+        model.save(tmp_path / "model.zip")
 
     for score in ("critics", "simulation", "both"):
         looked_at(ActionSearchCallback(candidates=1, score=score), look)
+        loaded = SAC.load(tmp_path / "model.zip", device="cpu")
+        assert loaded.predict(np.zeros(loaded.observation_space.shape))[0].shape == (20,)
+    model, callback = learner(), ActionSearchCallback(candidates=3)
+    with pytest.raises(KeyboardInterrupt):
+        model.learn(20, callback=[callback, ActAt(15, "keyboard")])
+    model.learn(20, callback=callback)  # another one searches anew
+    assert model.num_timesteps == 20
+    assert "_predict" not in vars(model.policy)
 
 
 def test_with_simulation_the_action_that_earns_most_is_taken_and_the_environment_stays():
@@ -178,12 +176,6 @@ def test_trainings_explore_by_it_and_are_as_before_afterwards(algorithm, score):
     mode, _ = models[0].predict(observation, deterministic=True)
     models[0].learn(4)  # without it
     assert mode.shape == (2, 20)
-
-
-def test_a_model_is_saved_while_it_searches(tmp_path):
-    looked_at(ActionSearchCallback(candidates=3), lambda model: model.save(tmp_path / "model.zip"))
-    loaded = SAC.load(tmp_path / "model.zip", device="cpu")
-    assert loaded.predict(np.zeros(loaded.observation_space.shape))[0].shape == (20,)
 
 
 @pytest.mark.slow

@@ -15,18 +15,14 @@ def scripted(**extra):
     return ScriptedEnv([{"f1": n / 10, "return_energy": -n, **extra} for n in range(1, 10)])
 
 
-def logged(folder, model, steps, callbacks=BOTH, log_interval=1):
+def logged(folder, model, steps, log_interval=1):
     """Train and return the log's lines, by step."""
-    lines = log_lines(folder, model, steps, [cls() for cls in callbacks], log_interval=log_interval)
+    lines = log_lines(folder, model, steps, [cls() for cls in BOTH], log_interval=log_interval)
     return {int(line["time/total_timesteps"]): line for line in lines}
 
 
 def off_policy(n_envs=1, **extra):
     return tiny(vector_of(lambda: scripted(**extra), n_envs=n_envs))
-
-
-def on_policy(n_steps):
-    return tiny_ppo(scripted(), n_steps)
 
 
 @pytest.mark.parametrize(
@@ -36,9 +32,8 @@ def on_policy(n_steps):
         (off_policy, 40, 4, {20: 0.25, 40: 0.65}),
         # 3 episodes end at a time; SB3 writes a line after each of them, the first with all values
         (lambda: off_policy(n_envs=3), 30, 3, {15: 0.1, 30: 0.2}),
-        (lambda: on_policy(10), 20, 1, {10: 0.15, 20: 0.35}),
+        (lambda: tiny_ppo(scripted(), 10), 20, 1, {10: 0.15, 20: 0.35}),
     ],
-    ids=["each episode", "several episodes", "three environments", "on-policy"],
 )
 def test_a_line_has_the_mean_of_the_episodes_since_the_last_line(
     tmp_path, make_model, steps, log_interval, expected
@@ -49,35 +44,26 @@ def test_a_line_has_the_mean_of_the_episodes_since_the_last_line(
     assert energy == pytest.approx(expected)
 
 
-def test_the_fingers_have_a_group_of_their_own(tmp_path):
-    infos = [{"finger_share_r1": 0.25, "finger_share_l5": 0.75, "effective_fingers": 1.8}]
-    lines = logged(tmp_path, tiny(ScriptedEnv(infos)), 5)
-    expected = {"fingers/r1": 0.25, "fingers/l5": 0.75, "music/effective_fingers": 1.8}
-    assert {name: lines[5][name] for name in expected} == expected
+def test_each_callback_logs_only_its_own(tmp_path):
+    """Of the episode's metrics, the fingers have a group of their own."""
+    for callback, expected in (
+        (EpisodeMetricsCallback(), {"music/f1": 0.1, "fingers/r1": 0.25}),
+        (
+            EpisodeMetricsCallback(["f1", "absent", "return_energy"]),
+            {"music/f1": 0.1, "reward/energy": -1},
+        ),
+        (RewardTermsCallback(), {"reward/energy": -1}),
+    ):
+        model = off_policy(finger_share_r1=0.25)
+        [line] = log_lines(tmp_path, model, 5, callback, log_interval=1)
+        found = {n: value for n, value in line.items() if not n.startswith(("rollout/", "time/"))}
+        assert found == expected
 
 
-@pytest.mark.parametrize(
-    ("callback", "expected"),
-    [
-        (EpisodeMetricsCallback(), {"music/f1", "fingers/r1"}),
-        (EpisodeMetricsCallback(["f1", "absent", "return_energy"]), {"music/f1", "reward/energy"}),
-        (RewardTermsCallback(), {"reward/energy"}),
-    ],
-    ids=["metrics", "named keys", "reward terms"],
-)
-def test_each_callback_logs_only_its_own(tmp_path, callback, expected):
-    model = off_policy(finger_share_r1=1.0)
-    [line] = log_lines(tmp_path, model, 5, callback, log_interval=1)
-    assert {name for name in line if not name.startswith(("rollout/", "time/"))} == expected
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, None, "much", {"c": 1}])
-def test_what_is_no_finite_number_is_not_logged(tmp_path, value):
-    [line] = logged(tmp_path, off_policy(return_notes=value, recall=value), 5).values()
-    assert not {"reward/notes", "music/recall"} & set(line)
-
-
-def test_an_episode_without_a_number_does_not_count_in_the_mean(tmp_path):
+def test_what_is_no_finite_number_is_not_logged_and_does_not_count_in_the_mean(tmp_path):
+    for value in (math.nan, math.inf, None, "much", {"c": 1}):
+        [line] = logged(tmp_path, off_policy(return_notes=value, recall=value), 5).values()
+        assert not {"reward/notes", "music/recall"} & set(line)
     infos = [{"recall": 0.25}, {"recall": math.nan}, {"recall": 0.75}, {}]
     lines = logged(tmp_path, tiny(ScriptedEnv(infos)), 20, log_interval=4)
     assert lines[20]["music/recall"] == 0.5

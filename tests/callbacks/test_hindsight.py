@@ -415,17 +415,13 @@ class EndedByScore(gym.Wrapper):
 @pytest.mark.parametrize(
     ("wrapper", "message"),
     [
-        (
-            ByScore,
-            r"A relabelled episode has F1 0\.\d+: expected 1. The environment plays the same",
-        ),
+        (ByScore, r"has F1 0\.\d+: expected 1. The environment plays the same"),
         (EndedByScore, "An episode of 20 control steps ended after 4 when it was played again"),
     ],
 )
 def test_an_environment_that_plays_differently_again_is_an_error(wrapper, message):
-    model = collecting([lambda: wrapper(Held(piano()))])
     with pytest.raises(RunError, match=message):
-        model.learn(60, callback=HindsightCallback())
+        collecting([lambda: wrapper(Held(piano()))]).learn(60, callback=HindsightCallback())
 
 
 class Corrected(Residual):

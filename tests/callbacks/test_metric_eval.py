@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from acting import ActAt, Noted
 from gymnasium.wrappers import TimeLimit
-from scripted import NoisyEnv, ScriptedEnv, log_lines, series, tiny, vector_of, with_f1
+from scripted import ScriptedEnv, log_lines, series, tiny, vector_of, with_f1
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper
 from yaml_rows import Tables
 
 from sb3_piano.callbacks import (
@@ -103,22 +103,18 @@ class TwoAgents(VecEnvWrapper):
 
 
 @pytest.mark.filterwarnings("ignore:Training and eval env are not of the same type")
-@pytest.mark.parametrize(
-    "env",
-    [
-        lambda: with_f1(0.1, 0.3),
-        lambda: DummyVecEnv([lambda: Monitor(with_f1(0.1)), lambda: Monitor(with_f1(0.3))]),
-        lambda: TwoAgents(with_f1(0.1, 0.3)),
-        lambda: TwoAgents(with_f1(0.1), with_f1(0.3)),
-    ],
-    ids=["without a Monitor", "two environments", "two agents", "two agents in each of two"],
-)
-def test_each_whole_episode_counts_once(model, tmp_path, env):
-    callback = F1Callback(env(), eval_freq=5, n_eval_episodes=2, warn=False)
-    assert series(log_lines(tmp_path, model, 5, callback), "eval/f1") == pytest.approx({5: 0.2})
-    assert sorted(found["f1"] for found in callback.evaluations_metrics[0]) == [0.1, 0.3]
-    log_lines(tmp_path, model, 5, callback)  # another training counts alike
-    assert len(callback.evaluations_metrics[1]) == 2
+def test_each_whole_episode_counts_once(model, tmp_path):
+    for env in (
+        with_f1(0.1, 0.3),  # without a Monitor
+        DummyVecEnv([lambda: Monitor(with_f1(0.1)), lambda: Monitor(with_f1(0.3))]),
+        TwoAgents(with_f1(0.1, 0.3)),
+        TwoAgents(with_f1(0.1), with_f1(0.3)),
+    ):
+        callback = F1Callback(env, eval_freq=5, n_eval_episodes=2, warn=False)
+        assert series(log_lines(tmp_path, model, 5, callback), "eval/f1") == pytest.approx({5: 0.2})
+        assert sorted(found["f1"] for found in callback.evaluations_metrics[0]) == [0.1, 0.3]
+        log_lines(tmp_path, model, 5, callback)  # another training counts alike
+        assert len(callback.evaluations_metrics[1]) == 2
 
 
 def test_the_evaluations_file_has_the_metrics_and_goes_on_with_a_training(model, tmp_path, caplog):
@@ -195,33 +191,16 @@ def test_each_callback_judges_by_its_own_metric(model, tmp_path, cls, value, ste
     assert series(lines, "eval/recall") == {}  # none is a number
 
 
-def test_the_statistics_of_the_normalisation_stand_beside_the_best_model(tmp_path):
-    venv = VecNormalize(vector_of(NoisyEnv))
-    model = tiny(venv)
-    model.learn(12, F1Callback(eval_freq=5, best_model_save_path=str(tmp_path)))
-    saved = VecNormalize.load(str(tmp_path / "vecnormalize.pkl"), vector_of(NoisyEnv))
-    # one observation of the reset and one of each step so far; SB3 begins with a weight of 1e-4
-    assert saved.obs_rms.count == pytest.approx(best_of(tmp_path)["num_timesteps"] + 1, abs=1e-3)
-
-
-def test_what_a_model_played_before_it_learnt_may_be_the_best(model, tmp_path):
+def test_what_a_model_played_before_it_learnt_may_be_the_best_and_end_the_training(model, tmp_path):
     callback = evaluating(0.6, 0.5, 0.7, evaluate_start=True, best_model_save_path=tmp_path)
     model.learn(5, callback=callback)
-    note = {"metric": "f1", "value": 0.6, "num_timesteps": 0}
-    assert json.loads((tmp_path / "best_model.json").read_text()) == note
+    assert best_of(tmp_path) == {"metric": "f1", "value": 0.6, "num_timesteps": 0}
     assert TD3.load(tmp_path / "best_model.zip").num_timesteps == 0
     model.learn(4, callback=callback, reset_num_timesteps=False)  # one that goes on: not again
     assert [found["f1"] for (found,) in callback.evaluations_metrics] == [0.6, 0.5]
-
-
-def test_what_the_first_evaluation_decides_holds(model):
-    callback = evaluating(0.6, evaluate_start=True, stop_threshold=0.5)
-    model.learn(20, callback=callback)
-    assert model.num_timesteps == 1
-    assert len(callback.evaluations_metrics) == 1
-    callback = evaluating(0.4, 0.4, 0.4, evaluate_start=True, stop_threshold=0.5)
-    model.learn(10, callback=callback)
-    assert model.num_timesteps == 10
+    for values, steps in (([0.6], 1), ([0.4] * 3, 10)):
+        model.learn(10, callback=evaluating(*values, evaluate_start=True, stop_threshold=0.5))
+        assert model.num_timesteps == steps
 
 
 def test_a_training_that_goes_on_keeps_the_best_model_of_before(model, tmp_path):
@@ -253,7 +232,7 @@ def test_a_damaged_note_beside_the_best_model_is_named(model, tmp_path, content,
 # Who is told, and when the training ends.
 
 
-def test_children_see_the_metric_as_the_parents_best(model):
+def test_children_see_the_metric_as_the_parents_best_and_may_end_the_training(model):
     new_best, after = noted(), noted()
     callback = evaluating(
         0.2, 0.6, 0.4, callback_on_new_best=new_best, callback_after_eval=CallbackList([after])
@@ -262,12 +241,9 @@ def test_children_see_the_metric_as_the_parents_best(model):
     assert new_best.seen == [(5, 0.2), (10, 0.6)]
     assert after.seen == [(5, 0.2), (10, 0.6), (15, 0.6)]
     assert callback.last_mean_reward == 0.4
-
-
-@pytest.mark.parametrize("event", ["callback_on_new_best", "callback_after_eval"])
-def test_a_child_that_returns_false_ends_the_training(model, event):
-    model.learn(15, evaluating(0.2, **{event: ActAt(5, "stop")}))
-    assert model.num_timesteps == 5
+    for event in ("callback_on_new_best", "callback_after_eval"):
+        model.learn(15, evaluating(0.2, **{event: ActAt(5, "stop")}))
+        assert model.num_timesteps == 5
 
 
 @tables("values, patience, steps")
@@ -309,15 +285,12 @@ def test_a_given_environment_is_left_open_and_its_own_is_closed(model):
     assert not training.closed
 
 
-def test_an_environment_without_the_metric_is_named(model):
+def test_an_environment_that_cannot_be_judged_is_named(model):
     with pytest.raises(ConfigError, match="'f1', which the info of 'Pendulum-v1' lacks"):
         tiny("Pendulum-v1").learn(300, F1Callback(eval_freq=5))
     env = Monitor(ScriptedEnv([{"f2": 0.1}]))
     with pytest.raises(ConfigError, match="info of 'ScriptedEnv' lacks.*mean 'f2'.*Expected a pi"):
         model.learn(5, F1Callback(env, eval_freq=5))
-
-
-def test_an_episode_that_a_wrapper_around_the_monitor_ends_is_refused(model):
-    env = TimeLimit(Monitor(with_f1(0.1)), 3)
+    env = TimeLimit(Monitor(with_f1(0.1)), 3)  # whose end the Monitor does not see
     with pytest.raises(ConfigError, match="'ScriptedEnv' was ended by a wrapper around"):
         model.learn(5, F1Callback(env, eval_freq=5))

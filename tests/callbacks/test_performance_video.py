@@ -123,15 +123,12 @@ def test_a_run_gives_the_folder_and_the_environment(tmp_path):
     assert len(made) == 2
 
 
-def test_without_a_run_a_folder_is_needed():
-    with pytest.raises(ConfigError, match="no folder to write into: expected folder='...'"):
-        tiny(piano()).learn(4, PerformanceVideoCallback(4))
-
-
-def test_only_pianos_are_filmed(tmp_path):
+def test_only_pianos_are_filmed_and_without_a_run_a_folder_is_needed(tmp_path):
     with pytest.raises(ConfigError, match="to record in 'ScriptedEnv': expected a piano"):
         tiny(with_f1(0.1)).learn(4, PerformanceVideoCallback(4, str(tmp_path / "new")))
     assert not (tmp_path / "new").exists()
+    with pytest.raises(ConfigError, match="no folder to write into: expected folder='...'"):
+        tiny(piano()).learn(4, PerformanceVideoCallback(4))
 
 
 class Shaken(gym.ActionWrapper):

@@ -84,13 +84,20 @@ class FewerActions(gym.ActionWrapper):
         return np.append(action, -1)
 
 
-def test_noise_that_cannot_be_added_is_refused(piano):
-    with pytest.raises(ConfigError, match="noise is -0.1: expected a finite number"):
-        ActuatorNoise(piano(), -0.1)
-    with pytest.raises(ConfigError, match="noise_memory is nan"):
-        ActuatorNoise(piano(), 0.1, math.nan)
-    with pytest.raises(ConfigError, match=r"shape \(38,\): expected .* \(39,\)"):
-        ActuatorNoise(FewerActions(piano()), 0.1)
+def test_noise_and_starts_that_cannot_be_are_refused(piano):
+    for make, message in (
+        (lambda: ActuatorNoise(piano(), -0.1), "noise is -0.1: expected a finite number"),
+        (lambda: ActuatorNoise(piano(), 0.1, math.nan), "noise_memory is nan"),
+        (lambda: ActuatorNoise(FewerActions(piano()), 0.1), r"shape \(38,\): expected .* \(39,\)"),
+        (lambda: PerturbedStart(pendulum(), 0.1), "PendulumEnv cannot be perturbed"),
+        (lambda: PerturbedStart(piano(), -1), "std is -1"),
+        (
+            lambda: PerturbedStart(KeyRange(piano(observation="roll"), 24), 0.1),
+            "right around the environment",
+        ),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            make()
 
 
 def commanded(env, seed):
@@ -142,12 +149,3 @@ def test_the_first_observation_is_of_the_perturbed_state(piano):
         )
     np.testing.assert_array_equal(observation, start(env, 3)[0])
     assert not np.array_equal(observation, start(env, 4)[0])
-
-
-def test_a_start_that_cannot_be_perturbed_is_refused(piano):
-    with pytest.raises(ConfigError, match="PendulumEnv cannot be perturbed"):
-        PerturbedStart(pendulum(), 0.1)
-    with pytest.raises(ConfigError, match="std is -1"):
-        PerturbedStart(piano(), -1)
-    with pytest.raises(ConfigError, match="right around the environment"):
-        PerturbedStart(KeyRange(piano(observation="roll"), 24), 0.1)

@@ -86,14 +86,6 @@ def test_the_label_is_what_the_policy_would_do_in_the_disturbed_state(piano):
         assert np.abs(episode.actions).max() <= 1
 
 
-def test_noises_take_turns_and_are_noted(piano):
-    told = []
-    found = recorded(piano(), episodes=5, noise=[0.0, 0.2], on_episode=told.append)
-    assert [notes["noise"] for notes in notes_of(found.dataset)] == [0, 0.2, 0, 0.2, 0]
-    assert tuple(told) == found.episodes
-    assert not found.interrupted
-
-
 def test_equal_seeds_record_the_same_and_others_something_else(piano):
     """Starts, noise, and what a player draws."""
     env = PerturbedStart(piano(), 0.05)
@@ -119,8 +111,13 @@ def test_the_environment_for_evaluation_is_undisturbed_and_otherwise_the_same(pi
     assert not np.array_equal(disturbed.reset(seed=1)[0], disturbed.reset(seed=2)[0])
 
 
-def test_the_data_set_says_where_it_is_from(piano):
-    dataset = recorded(piano(), noise=[0.0, 0.1], seed=3, policy_name="line").dataset
+def test_the_data_set_says_where_it_is_from_and_noises_take_turns(piano):
+    told, how = [], {"noise": [0.0, 0.1], "seed": 3, "policy_name": "line"}
+    result = recorded(piano(), episodes=5, on_episode=told.append, **how)
+    dataset = result.dataset
+    assert [notes["noise"] for notes in notes_of(dataset)] == [0, 0.1, 0, 0.1, 0]
+    assert tuple(told) == result.episodes
+    assert not result.interrupted
     found = dataset.storage.metadata
     assert found["algorithm_name"] == "line"
     assert found["sb3_piano"]["version"] in found["requirements"][0]
@@ -129,6 +126,8 @@ def test_the_data_set_says_where_it_is_from(piano):
     assert list(minari.list_local_datasets()) == [NAME]
     assert set(list_local_namespaces()) == {"robopianist", "robopianist/two-notes"}
     assert minari.list_local_datasets(prefix="robopianist/two-notes").keys() == {NAME}
+    with pytest.raises(ConfigError, match=rf"no data set 'other-v0' in .*\({NAME}\)"):
+        open_dataset("other-v0")
 
 
 def test_an_episode_that_ends_by_itself_is_not_truncated():
@@ -285,9 +284,3 @@ def test_what_is_out_of_range_is_refused(options, message, datasets):
     with pytest.raises(ConfigError, match=message):
         recorded(**options)
     assert not datasets.exists()
-
-
-def test_a_data_set_that_is_not_there_is_named_beside_those_that_are(datasets, pendulum_data):
-    pendulum_data()
-    with pytest.raises(ConfigError, match=r"no data set 'other-v0' in .*\(test/pendulum-v0\)"):
-        open_dataset("other-v0")

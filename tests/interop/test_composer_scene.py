@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("dm_control")
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.interop import scene_mjcf
 from sb3_piano.interop.scene import import_dm_control
 from sb3_piano.simulation import PHYSICS_PROFILES, compile_scene
@@ -61,8 +60,3 @@ def test_it_stands_in_a_composer_world():
     joints = [slider.joint for slider in sliders]
     np.testing.assert_allclose(env.physics.bind(joints).qpos, 0.1, atol=0.01)
     env.close()
-
-
-def test_an_unknown_profile_is_refused():
-    with pytest.raises(ConfigError, match="profile 'slow'"):
-        scene_mjcf(physics="slow")

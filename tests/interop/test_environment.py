@@ -104,18 +104,12 @@ def test_blocks_that_a_wrapper_adds_are_there():
     assert len(spec) > 6
 
 
-def test_metrics_are_refused_before_the_first_episode_is_over():
+def test_other_environments_and_metrics_before_the_end_are_refused():
     env = make_env()
     env.reset()
     with pytest.raises(EnvStateError, match="No episode is over yet"):
         env.get_musical_metrics()
-
-
-def test_another_environment_is_refused():
     with pytest.raises(ConfigError, match="cannot wrap a CartPoleEnv: expected a piano"):
         DmEnvironment("CartPole-v1")
-
-
-def test_options_for_an_environment_that_is_made_already_are_refused():
     with pytest.raises(ConfigError, match=r"\['physics'\].*made already"):
         DmEnvironment(gym.make(ENV_ID), physics="fast")

@@ -24,16 +24,10 @@ def test_the_share_of_labelled_notes_with_the_same_finger_is_told_for_each_hand(
     assert (found.notes, found.same_finger, found.same_hand) == ((3, 2), (2, 1), (3, 1))
     assert (found.right, found.left) == (pytest.approx(2 / 3), 0.5)
     assert (found.both, found.hands) == (3 / 5, 4 / 5)
-
-
-def test_a_hand_without_labels_has_no_share():
     found = agreement(score([0, 1]), score([0, 2]))
     assert (found.right, found.left, found.both) == (0.5, None, 0.5)
-
-
-def test_a_note_that_has_only_a_hand_agrees_with_the_hand_but_with_no_finger():
-    labelled = score([0, 5])
-    found = agreement(labelled, score([], hands=["right", -1]))
+    # A note that has only a hand agrees with the hand, but with no finger.
+    found = agreement(score([0, 5]), score([], hands=["right", -1]))
     assert (found.both, found.hands) == (0.0, 0.5)
 
 

@@ -72,18 +72,14 @@ def test_the_nearest_onset_within_the_tolerance_is_taken_and_each_note_once(tabl
     assert fingers(read_labels(path, repeated, tolerance=0.059)) == [0, -1, 2, -1]
 
 
-def test_notes_without_a_label_keep_what_they_had(table):
+def test_notes_without_a_label_or_finger_keep_what_they_had_of_that_hand(table):
     known = score_of((0, 0.4, 60, 3), (0.5, 0.9, 61, 2), (1, 1.4, 62, "left"))
     found = read_labels(table("onset,pitch,finger", "0.5,61,1", "1.0,62,"), known)
     assert fingers(found) == [3, 1, -1]
     assert found.notes[2].hand == "left"
-
-
-def test_a_label_with_a_hand_alone_leaves_a_finger_of_that_hand(table):
-    known = score_of((0, 0.4, 60, 2), (0.5, 0.9, 61, 2), (1, 1.4, 62))
     path = table("onset,pitch,hand,finger", "0,60,right,", "0.5,61,left,", "1.0,62,left,")
     found = [(note.finger, note.hand) for note in read_labels(path, known).notes]
-    assert found == [(2, "right"), (-1, "left"), (-1, "left")]
+    assert found == [(3, "right"), (-1, "left"), (-1, "left")]
 
 
 def test_labels_come_from_midi_and_pig_files_too(tmp_path):
@@ -107,28 +103,32 @@ def test_fewer_than_half_of_the_labels_finding_a_note_is_an_error(table):
     )
 
 
-def test_a_file_without_labels_is_refused(tmp_path, table):
-    write_midi(PLAIN, tmp_path / "plain.mid")
-    with pytest.raises(ScoreError, match=r"None of the 4 notes of '.*plain.mid' has a finger"):
-        read_labels(tmp_path / "plain.mid", PLAIN)
-    with pytest.raises(ScoreError, match="None of the 1 notes"):
-        read_labels(table("onset,pitch,finger", "0,60,-1"), PLAIN)
-
-
 @tables("lines, message")
 def test_a_damaged_table_is_refused_with_its_line(table, lines, message):
     with pytest.raises(ScoreError, match=message):
         read_labels(table(*lines), PLAIN)
 
 
-def test_a_file_that_is_not_there_or_no_text_is_refused(tmp_path):
-    with pytest.raises(ScoreError, match=r"There is no table of labels '.*missing.csv'"):
-        read_labels(tmp_path / "missing.csv", PLAIN)
+def test_a_file_without_labels_and_what_is_no_table_are_refused(tmp_path, table):
+    write_midi(PLAIN, tmp_path / "plain.mid")
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ScoreError, match="Cannot read .* as a table of labels"):
-        read_labels(tmp_path / "binary.csv", PLAIN)
-    with pytest.raises(ScoreError, match="Cannot tell the format of 'labels.pdf'"):
-        read_labels("labels.pdf", PLAIN)
+    (tmp_path / "head.csv").write_text("onset" + 200_000 * "x")
+    (tmp_path / "row.csv").write_text("onset,pitch,finger\n" + 200_000 * "0")
+    table("onset,pitch,finger", "0,60,-1", name="none.csv")
+    for name, message in (
+        ("plain.mid", r"None of the 4 notes of '.*plain.mid' has a finger"),
+        ("none.csv", "None of the 1 notes"),
+        ("missing.csv", r"There is no table of labels '.*missing.csv'"),
+        ("binary.csv", "Cannot read .* as a table of labels"),
+        ("labels.pdf", "Cannot tell the format of '.*labels.pdf'"),
+        ("head.csv", r"Line \d of '.*head.csv' is no row of a table"),
+        ("row.csv", r"Line \d of '.*row.csv' is no row of a table"),
+    ):
+        with pytest.raises(ScoreError, match=message):
+            read_labels(tmp_path / name, PLAIN)
+    for tolerance in (-0.01, float("nan"), float("inf")):
+        with pytest.raises(ScoreError, match="A tolerance of .* s is out of range: expected 0 or"):
+            read_labels(table("onset,pitch,finger", "0,60,0"), PLAIN, tolerance=tolerance)
 
 
 @pytest.mark.slow
@@ -146,18 +146,3 @@ def test_no_table_fails_with_anything_but_our_error(tmp_path, first, rows):
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     with contextlib.suppress(ScoreError):
         assert len(read_labels(path, PLAIN).notes) == 4
-
-
-@pytest.mark.parametrize("line", ["onset" + 200_000 * "x", "onset,pitch,finger\n" + 200_000 * "0"])
-def test_a_field_too_long_for_a_table_is_told(tmp_path, line):
-    path = tmp_path / "long.csv"
-    path.write_text(line)
-    with pytest.raises(ScoreError, match=r"Line \d of '.*long.csv' is no row of a table"):
-        read_labels(path, PLAIN)
-
-
-@pytest.mark.parametrize("tolerance", [-0.01, float("nan"), float("inf")])
-def test_a_tolerance_must_be_a_time(table, tolerance):
-    path = table("onset,pitch,finger", "0,60,0")
-    with pytest.raises(ScoreError, match="A tolerance of .* s is out of range: expected 0 or more"):
-        read_labels(path, PLAIN, tolerance=tolerance)

@@ -56,16 +56,13 @@ def test_what_is_known_about_a_piece_comes_back(library):
 
 def test_the_folder_is_the_variables_and_without_it_that_of_the_system(monkeypatch, data):
     assert pieces_folder() == data / "pieces"
+    assert (len(imported_pieces()), imported_pieces().get("x")) == (0, None)
+    assert not data.exists()  # nothing is imported
     monkeypatch.delenv(DATA_VARIABLE)
     monkeypatch.setenv("XDG_DATA_HOME", "/home/somebody/share")
-    assert pieces_folder() == Path("/home/somebody/share/sb3-piano/pieces")
-    monkeypatch.setenv(DATA_VARIABLE, "")
-    assert pieces_folder() == Path("/home/somebody/share/sb3-piano/pieces")
-
-
-def test_nothing_imported_means_no_pieces_and_makes_no_folder(data):
-    assert (len(imported_pieces()), imported_pieces().get("x")) == (0, None)
-    assert not data.exists()
+    for _ in range(2):
+        assert pieces_folder() == Path("/home/somebody/share/sb3-piano/pieces")
+        monkeypatch.setenv(DATA_VARIABLE, "")
 
 
 def test_pieces_that_another_process_imports_are_seen(library, data):
@@ -171,7 +168,11 @@ def test_a_changed_byte_gives_the_very_score_or_our_error(position, value, cut, 
     assert str(path) in outcome
 
 
-def test_two_imports_at_a_time_are_refused(library, data):
+def test_two_imports_at_a_time_are_refused_and_what_a_killed_one_left_goes(library, data):
+    left = data / "pieces" / "half.npz.partial"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"half")
+    assert list(library.pieces()) == []
     message = "pieces': another import is under way"
     with (
         library.importing(),
@@ -179,15 +180,6 @@ def test_two_imports_at_a_time_are_refused(library, data):
         Library(data / "pieces").importing(),
     ):
         raise AssertionError("not refused")
-    with library.importing():
-        pass
-
-
-def test_what_a_killed_import_left_is_no_piece_and_goes_with_the_next_one(library, data):
-    left = data / "pieces" / "half.npz.partial"
-    left.parent.mkdir(parents=True)
-    left.write_bytes(b"half")
-    assert list(library.pieces()) == []
     with library.importing():
         assert not left.exists()
 

@@ -1,6 +1,5 @@
 """In which tempo a score is written so that it can be read."""
 
-import music21
 import pytest
 from short_scores import score_of
 from yaml_rows import Tables
@@ -33,6 +32,7 @@ def test_what_tells_no_tempo_is_written_at_120(onsets, bars, why):
 
 @pytest.mark.slow
 def test_a_notation_program_reads_the_meter_and_the_note_values(tmp_path):
+    music21 = pytest.importorskip("music21")
     score = BUILT_IN["repertoire-MapleLeafRag"].score()
     write_score(score, tmp_path / "rag.musicxml")
     theirs = music21.converter.parse(tmp_path / "rag.musicxml").parts[0].recurse()

@@ -7,7 +7,8 @@ from short_scores import note_of as note
 from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import Note, Pedal, Score, load_score, write_midi
+from sb3_piano.music import Note, Pedal, Score, write_midi
+from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.midi_reading import read_midi
 
 tables = Tables(__file__)
@@ -77,10 +78,7 @@ class TestFingering:
         back = round_trip(Score(notes=notes, title="piece"), tmp_path)
         assert {n.hand for n in back.notes} == {None}
 
-    @pytest.mark.parametrize(
-        ("name", "finger"),
-        [("R1", 0), ("L5", 9), (" L1 ", 5), ("R2 2", 1), ("R6", -1), ("Piano", -1), ("R1 x", -1)],
-    )
+    @tables("name, finger")
     def test_only_the_documented_track_names_are_fingers(self, name, finger, tmp_path):
         named = mido.MetaMessage("track_name", name=name)
         path = save(tmp_path / "a.mid", [named, on(60), off(60, 500)])
@@ -132,30 +130,20 @@ class TestWrittenBars:
         assert self.bars(bars, tmp_path, end) == pytest.approx(read or bars, abs=0.5e-4)
         assert meters in (None, list(map(list, signatures(tmp_path / "a.mid"))))
 
-    @pytest.mark.parametrize(
-        ("length", "signature"),
-        [(2, (4, 4)), (1.5, (3, 4)), (3, (6, 4)), (0.25, (1, 8)), (0.9375, (15, 32)), (9, (18, 4))],
-    )
+    @tables("length, signature")
     def test_equal_ones_are_one_meter(self, length, signature, tmp_path):
         expected = [i * length for i in range(40) if i * length < 10]
         assert self.bars(expected, tmp_path) == pytest.approx(expected, abs=1e-9)
-        assert signatures(tmp_path / "a.mid") == [signature]
+        assert signatures(tmp_path / "a.mid") == [tuple(signature)]
 
     def test_pretty_midi_finds_the_same(self, tmp_path):
         bars = [0, 1.23456, 1.7, 3.7, 5.7, 6.45]
-        score = Score(notes=[note(0, 7)], bars=bars)
-        write_midi(score, tmp_path / "a.mid")
+        write_midi(Score(notes=[note(0, 7)], bars=bars), tmp_path / "a.mid")
         theirs = pretty_midi.PrettyMIDI(str(tmp_path / "a.mid")).get_downbeats()
         assert theirs == pytest.approx(bars, abs=1e-4)
 
 
 class TestWriting:
-    def test_an_existing_file_is_replaced_and_nothing_else_is_left(self, tmp_path):
-        (tmp_path / "a.mid").write_text("old")
-        write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
-        assert [path.name for path in tmp_path.iterdir()] == ["a.mid"]
-        assert len(read_midi(tmp_path / "a.mid").notes) == 14
-
     def test_a_piece_too_long_for_midi_is_refused(self, tmp_path):
         with pytest.raises(ScoreError, match=r"'day' lasts 86400 s, too long .* less than 49500 s"):
             write_midi(Score(notes=[note(0, 86400)], title="day"), tmp_path / "a.mid")
@@ -171,3 +159,44 @@ def test_the_pedal_acts_on_the_notes_of_every_track(tmp_path):
         assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
     (pedal,) = read_midi(tmp_path / "piece.mid").pedals
     assert (pedal.onset, pedal.offset) == pytest.approx((0.1, 1.0))
+
+
+# Which hand plays a track of a file from elsewhere.
+
+
+@tables("name, hand")
+def test_a_name_tells_the_hand_or_nothing(name, hand):
+    assert hand_of_name(name) == hand
+
+
+def track(pitches=(), name=None, program=None, channel=0, at_once=1):
+    """Messages of a track in which `at_once` of the pitches are struck together."""
+    messages = []
+    if name is not None:
+        messages.append(mido.MetaMessage("track_name", name=name))
+    if program is not None:
+        messages.append(mido.Message("program_change", program=program, channel=channel))
+    for first in range(0, len(pitches), at_once):
+        chord = pitches[first : first + at_once]
+        messages += [mido.Message("note_on", note=p, channel=channel) for p in chord]
+        for i, pitch in enumerate(chord):
+            time = 100 if i == 0 else 0
+            messages.append(mido.Message("note_off", note=pitch, time=time, channel=channel))
+    return messages
+
+
+def hands(tmp_path, *tracks):
+    """Return the hands of the notes of a file, by pitch."""
+    file = mido.MidiFile()
+    file.tracks = [mido.MidiTrack(messages) for messages in tracks]
+    file.save(tmp_path / "a.mid")
+    return {note.pitch: note.hand for note in read_midi(tmp_path / "a.mid").notes}
+
+
+@tables("why, tracks, expected")
+def test_hands_of_tracks_are_told_by_names_and_register(tmp_path, why, tracks, expected):
+    assert hands(tmp_path, *(track(**one) for one in tracks)) == expected, why
+
+
+def test_two_channels_of_one_track_are_like_two_tracks(tmp_path):
+    assert hands(tmp_path, track([48], channel=3) + track([72])) == {48: "left", 72: "right"}

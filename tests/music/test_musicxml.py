@@ -133,10 +133,7 @@ def test_microtones_are_rounded(tmp_path):
     assert read_musicxml(tmp_path / "a.xml").notes[0].pitch == 61
 
 
-@pytest.mark.parametrize(
-    ("chosen", "expected"),
-    [(["Alto", "bass"], [48, 60]), ([1], [72]), (["4", "Tenor"], [48, 55])],
-)
+@tables("chosen, expected")
 def test_parts_are_chosen_by_name_or_number(chosen, expected, tmp_path):
     parts = {"Soprano": "C5:4", "Alto": "C4:4", "Tenor": "G3:4", "Bass": "C3:4"}
     (tmp_path / "choir.xml").write_text(notation.document(parts), "utf-8")
@@ -171,24 +168,20 @@ class TestFiles:
         score = read_musicxml(packed(tmp_path / "piece.xml", **files))
         assert (score.title, FACTS["notes"](score)) == ("piece", ONE_NOTE)
 
-    @pytest.mark.parametrize(
-        ("content", "reason"),
-        [
+    def test_what_is_no_partwise_musicxml_is_refused_with_the_reason(self, tmp_path):
+        packed(tmp_path / "a.mxl", **{"META-INF/container.xml": CONTAINER})
+        for content, reason in (
             (b"", "no element found"),
             (b"not XML at all", "syntax error"),
             (BOMB, "limit on input amplification factor"),
             (b"<svg/>", r"its root is <svg>, not <score-partwise>"),
             (b"PK\x03\x04", "zip"),
-        ],
-    )
-    def test_what_is_no_partwise_musicxml_is_refused_with_the_reason(
-        self, content, reason, tmp_path
-    ):
-        (tmp_path / "a.xml").write_bytes(content)
-        with pytest.raises(
-            ScoreError, match=rf"Cannot read '.*a\.xml' as a MusicXML file \(.*({reason})"
+            ((tmp_path / "a.mxl").read_bytes(), r"it has no 'music/a\.xml', .*and 0 XML files"),
         ):
-            read_musicxml(tmp_path / "a.xml")
+            (tmp_path / "a.xml").write_bytes(content)
+            told = rf"Cannot read '.*a\.xml' as a MusicXML file \(.*({reason})"
+            with pytest.raises(ScoreError, match=told):
+                read_musicxml(tmp_path / "a.xml")
 
     @tables("encoding, declared")
     def test_text_is_decoded_by_its_bytes_before_what_it_declares(
@@ -220,11 +213,6 @@ class TestFiles:
         with zipfile.ZipFile(path, "a") as archive:
             archive.writestr("b.xml", "<svg/>")
         with pytest.raises(ScoreError, match="it has no container and 2 XML files"):
-            read_musicxml(path)
-
-    def test_a_container_without_its_file_is_refused(self, tmp_path):
-        path = packed(tmp_path / "a.mxl", **{"META-INF/container.xml": CONTAINER})
-        with pytest.raises(ScoreError, match=r"it has no 'music/a\.xml', .*and 0 XML files"):
             read_musicxml(path)
 
     @pytest.mark.slow

@@ -49,16 +49,11 @@ class TestImport:
         assert status == 0
         assert "There already: a, b\n" in out
         assert "Imported:" not in out
-
-    def test_its_options_arrive(self, run, music):
+        status, out, err = run("import", music / "bad.mid")  # nothing could be imported
+        assert (status, "Imported" in out, err.count("bad.mid")) == (2, False, 1)
         run("import", music / "a.mid", "--name", "mine", "--fingering", "keep")
         assert not load_score("mine").has_fingering
         assert Library().info("mine").setting == "keep"
-
-    def test_the_status_is_2_if_nothing_could_be_imported(self, run, music):
-        status, out, err = run("import", music / "bad.mid")
-        assert (status, "Imported" in out) == (2, False)
-        assert err.count("bad.mid") == 1
 
     @tables("arguments, message")
     def test_a_mistake_is_told(self, run, music, arguments, message):
@@ -193,15 +188,12 @@ class TestRemove:
 
 
 class TestExport:
-    def test_the_suffix_tells_the_format(self, run, tmp_path):
+    def test_the_suffix_tells_the_format(self, run, music, tmp_path):
         notes = [(note.pitch, note.finger) for note in load_score(TWINKLE).notes]
         for name, read in (("x.mid", read_midi), ("x.txt", read_pig)):
             status, out, _ = run("export", TWINKLE, tmp_path / name)
             assert (status, out) == (0, f"Exported: {tmp_path / name}\n")
             assert [(note.pitch, note.finger) for note in read(tmp_path / name).notes] == notes
-
-    def test_a_file_is_converted(self, run, music, tmp_path):
-        status, _, err = run("export", music / "a.mid", tmp_path / "a.musicxml")
-        assert (status, err) == (0, "")
+        assert run("export", music / "a.mid", tmp_path / "a.musicxml")[::2] == (0, "")
         pitches = [note.pitch for note in load_score(tmp_path / "a.musicxml").notes]
         assert pitches == [60, 62, 64, 66]

@@ -14,7 +14,8 @@ from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music import MAX_PITCH, MIN_PITCH
 from sb3_piano.music.formats import read_score
 
-pytest.importorskip("music21")
+if find_spec("music21") is None:  # which takes long to be imported
+    pytest.skip("needs music21", allow_module_level=True)
 
 
 def package(name):

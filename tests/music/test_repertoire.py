@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from music21 import corpus
 from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
@@ -186,6 +185,8 @@ def test_it_begins_as_it_is_known_in_its_meter_and_tempo(name, numbers, right, l
 
 def of_music21(name):
     """Return the strikes of a piece of music21's corpus: (bar, quarter note in it, pitch)."""
+    from music21 import corpus
+
     struck = set()
     for staff in corpus.parse(name).parts:
         for bar in staff.getElementsByClass("Measure"):
@@ -209,6 +210,7 @@ def strikes(name, quarter):
     return found
 
 
+@pytest.mark.slow
 def test_the_prelude_is_that_of_music21_which_lacks_bar_26():
     ours = strikes("BachPreludeC", 60 / 72)
     shortened = {(bar - (bar > 26), at, pitch) for bar, at, pitch in ours if bar != 26}
@@ -219,6 +221,7 @@ def test_the_prelude_is_that_of_music21_which_lacks_bar_26():
     assert {pitch for _, pitch in bars[0]} == {43, 50, 55, 60, 65}
 
 
+@pytest.mark.slow
 @tables("name, tempo, known, bars, theirs_alone, ours_alone")
 def test_pieces_are_those_of_music21_but_for_a_note(
     name, tempo, known, bars, theirs_alone, ours_alone

@@ -30,12 +30,9 @@ class TestNote:
         assert (low.velocity, low.finger) == (80, -1)
         with pytest.raises(dataclasses.FrozenInstanceError, match="pitch"):
             low.pitch = 61
-
-    def test_numpy_numbers_become_plain_numbers(self):
-        made = note(np.float32(0.5), np.float64(1.0), np.int64(60), velocity=np.int32(7))
-        assert (
-            repr(made) == "Note(onset=0.5, offset=1.0, pitch=60, velocity=7, finger=-1, hand=None)"
-        )
+        plain = "Note(onset=0.5, offset=1.0, pitch=60, velocity=7, finger=-1, hand=None)"
+        of_numpy = note(np.float32(0.5), np.float64(1.0), np.int64(60), velocity=np.int32(7))
+        assert repr(of_numpy) == plain
 
     def test_a_known_finger_decides_which_hand_plays(self):
         assert note(0, 1, finger=4).hand == "right"
@@ -58,23 +55,16 @@ class TestConstruction:
         merged = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals]).pedals
         assert [(p.onset, p.offset) for p in merged] == [(0, 2), (3, 4), (5, 6)]
 
-    @pytest.mark.parametrize(
-        ("notes", "message"),
-        [
-            ([], "Score 'etude' has no notes"),
-            ([note(0, 1), (0, 1, 60)], "Note 1 of 'etude' is a tuple: expected a Note"),
-        ],
-    )
-    def test_no_notes_or_what_is_not_a_note_are_refused_by_title_and_index(self, notes, message):
-        with pytest.raises(ScoreError, match=message):
-            Score(notes=notes, title="etude")
+    def test_no_notes_or_what_is_not_a_note_are_refused_by_title_and_index(self):
+        with pytest.raises(ScoreError, match="Score 'etude' has no notes"):
+            Score(notes=[], title="etude")
+        with pytest.raises(ScoreError, match="Note 1 of 'etude' is a tuple: expected a Note"):
+            Score(notes=[note(0, 1), (0, 1, 60)], title="etude")
 
     def test_equal_contents_make_equal_scores_with_equal_hashes_whatever_their_order(self):
         notes = [*three_notes().notes, note(0, 1, finger=1), note(0, 2, finger=0)]
-        one, other = Score(notes=notes), Score(notes=notes[::-1])
+        one, other = Score(notes=notes), Score(notes=notes[::-1], bars=[0, 2])
         assert (one, hash(one)) == (other, hash(other))
-
-    def test_repr_tells_title_count_and_length(self):
         assert repr(three_notes()) == "Score('etude', 3 notes, 4 s)"
         assert repr(Score(notes=[note(0, 0.5)])) == "Score('', 1 note, 0.5 s)"
 
@@ -136,10 +126,6 @@ class TestBars:
         numbers = three_notes(bars=np.arange(3, dtype=np.float32)).bars
         assert repr(numbers) == "(0.0, 1.0, 2.0)"
 
-    def test_scores_that_differ_only_in_bars_are_equal(self):
-        assert three_notes(bars=[0, 2]) == three_notes()
-        assert hash(three_notes(bars=[0, 2])) == hash(three_notes())
-
     @tables("bars, message")
     def test_a_bad_line_is_refused_by_index_and_value(self, bars, message):
         with pytest.raises(ScoreError, match=message):
@@ -160,16 +146,13 @@ class TestExcerpt:
         assert [(n.onset, n.offset, n.pitch) for n in cut.notes] == [(0.5, 1.5, 64), (0.5, 1, 67)]
         assert [(p.onset, p.offset) for p in cut.pedals] == [(0, 0.25), (0.375, 0.5), (1, 1.5)]
 
-    def test_an_empty_result_names_where_the_onsets_lie(self):
+    def test_times_out_of_order_and_an_empty_result_are_refused(self):
+        nan, inf = math.nan, math.inf
+        for start, end in ((2, 1), (1, 1), (-1, 1), (nan, 1), (0, nan), (inf, 1)):
+            with pytest.raises(ScoreError, match=f"from {start} s to {end} s: expected 0 <= start"):
+                three_notes().excerpt(start, end)
         with pytest.raises(ScoreError, match=r"No note of 'etude' .* between 1.0 s and 2.0 s"):
             three_notes().excerpt(2.5, 3)
-
-    @pytest.mark.parametrize(
-        ("start", "end"), [(2, 1), (1, 1), (-1, 1), (math.nan, 1), (0, math.nan), (math.inf, 1)]
-    )
-    def test_times_out_of_order_are_refused_by_value(self, start, end):
-        with pytest.raises(ScoreError, match=f"from {start} s to {end} s: expected 0 <= start"):
-            three_notes().excerpt(start, end)
 
     @given(cut=st.floats(1.0, 2.0, exclude_min=True))
     def test_every_onset_lands_in_exactly_one_of_two_neighbouring_excerpts(self, cut):

@@ -1,11 +1,17 @@
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from yaml_rows import Tables
 
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import PianoRoll, load_score
+from sb3_piano.music.hands import finger_number
+from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.studies.debug import DEBUG, major_scale
+from sb3_piano.music.studies.scales import ARPEGGIOS, SCALES
 
 tables = Tables(__file__)
 
@@ -58,3 +64,114 @@ def test_a_scale_starts_where_and_lasts_as_long_as_asked():
     scale = major_scale(left=40, note_duration=0.25, title="E")
     assert [note.pitch for note in scale.notes[:8]] == [40, 42, 44, 45, 47, 49, 51, 52]
     assert (scale.duration, scale.title) == (3.75, "E")
+
+
+# Scales and arpeggios.
+
+
+STUDIES = {**SCALES, **ARPEGGIOS}
+FINGERS = yaml.safe_load(
+    (Path(__file__).parents[1] / "data" / "music" / "scale_fingers.yml").read_text()
+)
+CASES = [
+    (name, octaves, fingers)
+    for octaves, table in enumerate(FINGERS.values(), start=1)
+    for name, fingers in table.items()
+]
+
+
+def part(name, hand, **options):
+    """Return the notes of one hand."""
+    return [note for note in STUDIES[name].score(**options).notes if note.hand == hand]
+
+
+def numbers(notes):
+    return [finger_number(note.finger) for note in notes]
+
+
+def there_and_back(items):
+    return [*items, *items[-2::-1]]
+
+
+def digits(text):
+    return [int(digit) for digit in text.split()]
+
+
+def test_there_are_scales_and_arpeggios_in_all_keys_and_no_others():
+    assert sorted(STUDIES) == sorted(FINGERS["one octave"])
+
+
+@pytest.mark.parametrize(("name", "octaves", "fingers"), CASES)
+def test_fingers_are_the_standard_ones_up_and_back(name, octaves, fingers):
+    for hand, text in zip(("right", "left"), fingers, strict=True):
+        assert numbers(part(name, hand, octaves=octaves)) == there_and_back(digits(text))
+
+
+@tables("name, pitches")
+def test_the_left_hand_plays_two_octaves_below_the_right(name, pitches):
+    up = [pitch_number(pitch) for pitch in pitches.split()]
+    assert [note.pitch for note in part(name, "right")] == there_and_back(up)
+    assert [note.pitch + 24 for note in part(name, "left")] == there_and_back(up)
+
+
+@pytest.mark.parametrize("name", [name for name in SCALES if name.endswith("Major")])
+def test_a_major_scale_is_robovirtuosos_15_quarter_notes_a_hand(name):
+    score = SCALES[name].score()
+    assert score.bars == (0.0, 3.0, 6.0, 9.0)
+    assert score.duration == 11.25
+    for hand in ("right", "left"):
+        notes = part(name, hand)
+        assert [note.onset for note in notes] == [0.75 * index for index in range(15)]
+        assert {note.duration for note in notes} == {0.75}
+
+
+def test_a_piece_says_what_it_is_and_survives_pickling():
+    piece = SCALES["scale-BbMajor"]
+    assert piece.title == "B flat major scale"
+    assert (piece.collection, piece.fingering) == ("scale", "standard")
+    assert piece.source == "generated, as in RoboVirtuoso"
+    assert set(piece.options) == {"tempo", "hands", "repeats", "octaves"}
+    assert SCALES["scale-FSharpHarmonicMinor"].title == "F sharp harmonic minor scale"
+    assert SCALES["scale-Chromatic"].title == "Chromatic scale"
+    assert pickle.loads(pickle.dumps(piece.build))(tempo=90) == piece.score(tempo=90)
+
+
+def test_tempo_hand_octaves_and_repeats_are_as_asked_for():
+    piece = SCALES["scale-CMajor"]
+    score = piece.score(tempo=120)  # quarter notes a minute
+    assert (score.notes[2].onset, score.duration, score.bars) == (0.5, 7.5, (0.0, 2.0, 4.0, 6.0))
+    for hand in ("right", "left"):
+        assert list(piece.score(hands=hand).notes) == part("scale-CMajor", hand)
+    pitches = [note.pitch for note in part("scale-CMajor", "left", octaves=2, hands="left")]
+    assert pitches == there_and_back([48, 50, 52, 53, 55, 57, 59, 60, 62, 64, 65, 67, 69, 71, 72])
+    once, twice = piece.score(hands="left"), piece.score(hands="left", repeats=2)
+    assert twice.bars == tuple(3.0 * bar for bar in range(8))
+    assert twice.excerpt(0.0, 12.0).notes == once.notes
+    assert twice.excerpt(12.0, 24.0).notes == once.notes
+    assert twice.duration == 23.25
+
+
+@tables("name, options, most")
+def test_octaves_go_as_far_as_the_keyboard(name, options, most):
+    piece = SCALES[f"scale-{name}"]
+    assert piece.score(octaves=most, **options).pitch_range[1] in range(97, 109)
+    with pytest.raises(ConfigError, match=f"octaves is {most + 1}: expected a whole .* to {most},"):
+        piece.score(octaves=most + 1, **options)
+
+
+@tables("option, value, message")
+def test_a_bad_option_is_refused_with_what_was_expected(option, value, message):
+    with pytest.raises(ConfigError, match=message):
+        SCALES["scale-CMajor"].score(**{option: value})
+
+
+def test_an_arpeggio_is_two_bars_of_quarter_notes_at_80_with_the_options_of_a_scale():
+    piece = ARPEGGIOS["arpeggio-CSharpMinor"]
+    assert (piece.title, piece.collection) == ("C sharp minor arpeggio", "arpeggio")
+    assert set(piece.options) == {"tempo", "hands", "repeats", "octaves"}
+    assert (piece.score().bars, piece.score().duration) == ((0.0, 3.0), 5.25)
+    score = ARPEGGIOS["arpeggio-DMajor"].score(tempo=60, hands="left", repeats=2, octaves=2)
+    assert [note.pitch for note in score.notes] == there_and_back([50, 54, 57, 62, 66, 69, 74]) * 2
+    assert score.bars == tuple(4.0 * bar for bar in range(8))
+    with pytest.raises(ConfigError, match="octaves is 3: expected a whole number from 1 to 2,"):
+        ARPEGGIOS["arpeggio-BMajor"].score(octaves=3)

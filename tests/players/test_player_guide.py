@@ -34,6 +34,8 @@ def piano(score=TUNE, **options):
 def test_one_simulation_plays_what_the_player_does(kind, wrap):
     plain, searched = wrap(piano()), wrap(piano())
     player = kind(plain)
+    with pytest.raises(ConfigError, match="plays in other environments: expected one that was"):
+        TreeSearch(player, searched)
     search = TreeSearch(kind(searched), searched, TreeSettings(simulations=1, depth=1))
     observations = [env.reset(seed=0)[0] for env in (plain, searched)]
     for _ in range(8):
@@ -149,11 +151,6 @@ def test_the_copy_of_the_player_reads_the_copy_of_the_environment():
     np.testing.assert_array_equal(world.judge(observation)[1], player.predict(observation)[0])
     world.go_back(start)
     assert np.abs(world.judge(observation)[1] - player.predict(observation)[0]).max() > 0
-
-
-def test_a_player_of_another_environment_is_refused():
-    with pytest.raises(ConfigError, match="plays in other environments: expected one that was"):
-        TreeSearch(SightReader(piano()), piano())
 
 
 def test_runs_of_players_and_pieces_look_ahead_too(tmp_path, monkeypatch):

@@ -84,7 +84,7 @@ def test_a_roll_out_gives_each_episode_when_it_has_ended(piano):
     played = rollout(player, piano, episodes=2, seed=3, on_step=steps.append)
     first = next(played)
     length = len(piano.roll)
-    assert (first.metrics["length"], len(steps)) == (length, length)
+    assert (first.metrics["length"], len(steps), first.title) == (length, length, "scale-CMajor")
     assert player.asked[:2] == [(None, True), (1, False)]
     assert len(list(played)) == 1
     assert player.asked[length][1], "the second episode begins"
@@ -112,16 +112,16 @@ def test_what_is_played_may_be_disturbed_and_is_told_apart_from_what_was_chosen(
     assert (steps[0].action == down).all()
 
 
-def test_resting_hands_need_no_player(piano):
+def test_resting_hands_need_no_player_and_a_wrapper_may_end_an_episode(piano):
     player = Rest(np.ones_like(piano.rest_action))
     resting = next(rollout(player, piano, resting=True))
     assert len(player.asked) == 1
     assert (resting.motion.actions == piano.rest_action).all()
-
-
-def test_an_episode_that_a_wrapper_ends_is_recorded_until_then(piano):
     played = rollout(Rest(piano.rest_action), TimeLimit(EpisodeRecorder(piano), 4), episodes=2)
     assert [one.metrics["length"] for one in played] == [4, 4]
+    for name, number in (("episodes", 0), ("seed", -1)):  # checked at once
+        with pytest.raises(ConfigError, match=f"{name} is {number}"):
+            rollout(Rest(None), piano, **{name: number})
 
 
 def test_other_environments_are_played_too():
@@ -133,10 +133,3 @@ def test_other_environments_are_played_too():
         (one,) = rollout(Push(), env, seed=0)
     assert one.performance is None
     assert one.metrics["return"] == one.metrics["length"] > 5
-
-
-def test_numbers_of_a_roll_out_are_checked_at_once(piano):
-    with pytest.raises(ConfigError, match="episodes is 0"):
-        rollout(Rest(None), piano, episodes=0)
-    with pytest.raises(ConfigError, match="seed is -1"):
-        rollout(Rest(None), piano, seed=-1)

@@ -50,6 +50,8 @@ def test_sixty_four_simulations_try_eight_actions_at_the_root_the_policys_own_fi
     assert found.root.visits == 64
     assert len(found.root.edges) == 8
     assert found.root.edges[0].action == 0
+    narrow = search(simulations=64, widening=0.5)  # fewer children make deeper trees
+    assert found.deepest < narrow.deepest <= 8
     assert len({float(edge.action[0]) for edge in found.root.edges}) == 8
 
 
@@ -125,25 +127,14 @@ def test_nothing_is_expected_after_the_end():
     assert hopeful.judged == [0.0], "the root, which a player is asked about, and no end"
 
 
-def test_fewer_children_make_deeper_trees():
-    wide, narrow = search(simulations=64), search(simulations=64, widening=0.5)
-    assert wide.deepest < narrow.deepest <= 8
-
-
 def test_a_tree_may_be_written_in_short():
     assert TreeSettings.parse("64x8") == TreeSettings(simulations=64, depth=8)
     assert TreeSettings.parse("256x8x0.5") == TreeSettings(simulations=256, depth=8, widening=0.5)
     for text in ("64x8", "256x8x0.5"):
         assert str(TreeSettings.parse(text)) == text
-
-
-@pytest.mark.parametrize("text", ["64", "64x", "x8", "64x8x", "ax8", "64x8x1x2", "6.5x8"])
-def test_what_is_no_tree_is_refused(text):
-    with pytest.raises(ConfigError, match="expected simulations and depth such as '64x8'"):
-        TreeSettings.parse(text)
-
-
-@pytest.mark.parametrize("text", ["0x8", "64x0", "64x8x0", "64x8xnan"])
-def test_sizes_out_of_range_are_refused(text):
-    with pytest.raises(ConfigError, match="expected"):
-        TreeSettings.parse(text)
+    for text in ("64", "64x", "x8", "64x8x", "ax8", "64x8x1x2", "6.5x8"):
+        with pytest.raises(ConfigError, match="expected simulations and depth such as '64x8'"):
+            TreeSettings.parse(text)
+    for text in ("0x8", "64x0", "64x8x0", "64x8xnan"):
+        with pytest.raises(ConfigError, match="expected"):
+            TreeSettings.parse(text)

@@ -114,23 +114,20 @@ def test_a_search_goes_on_after_the_physics_became_unstable():
     assert_same_step(env.step(env.rest_action), expected)
 
 
-def test_a_moment_of_another_model_is_refused():
-    two, one = piano(), piano(hands_in_scene="right")
-    two.reset()
-    one.reset()
-    with pytest.raises(EnvStateError, match="expected a state of an environment with the same"):
-        one.go_back(two.snapshot())
-
-
 @pytest.mark.parametrize("algorithm", [SAC, TD3, DDPG, TQC, CrossQ])
 def test_models_of_all_algorithms_with_critics_look_ahead(algorithm):
     env = piano()
-    player = TreeSearch(untrained(env, algorithm), env, SMALL)
+    model = untrained(env, algorithm)
+    player = TreeSearch(model, env, SMALL)
+    alone = TreeSearch(model, env, TreeSettings(simulations=1, depth=1))
     observation, _ = env.reset(seed=0)
     for step in range(3):
         action, state = player.predict(observation)
         assert env.action_space.contains(action)
         assert state == step + 1
+        # A single simulation plays what the policy does.
+        expected, _ = model.predict(observation, deterministic=True)
+        np.testing.assert_allclose(alone.predict(observation)[0], expected, atol=1e-6)
         observation, *_ = env.step(action)
     assert player.statistics.steps == 3
     assert player.statistics.children == 3  # of nine simulations
@@ -169,19 +166,6 @@ def test_equal_seeds_play_alike_and_others_do_not():
     first = played(1)
     np.testing.assert_array_equal(first, played(1))
     assert np.abs(first - played(2)).max() > 0
-
-
-def test_a_single_simulation_plays_what_the_policy_does():
-    env = piano()
-    for algorithm in (SAC, TD3):
-        model = untrained(env, algorithm)
-        player = TreeSearch(model, env, TreeSettings(simulations=1, depth=1))
-        observation, _ = env.reset(seed=0)
-        for _ in range(3):
-            action, _ = player.predict(observation)
-            expected, _ = model.predict(observation, deterministic=True)
-            np.testing.assert_allclose(action, expected, atol=1e-6)
-            observation, *_ = env.step(action)
 
 
 @pytest.mark.slow
@@ -227,6 +211,11 @@ def test_what_cannot_be_searched_is_refused():
     stacked = VecFrameStack(DummyVecEnv([piano]), 2)
     with pytest.raises(ConfigError, match="VecFrameStack around the environments"):
         TreeSearch(untrained(stacked), stacked)
+    other = piano(hands_in_scene="right")
+    env.reset()
+    other.reset()
+    with pytest.raises(EnvStateError, match="expected a state of an environment with the same"):
+        other.go_back(env.snapshot())
 
 
 @pytest.fixture(scope="module")

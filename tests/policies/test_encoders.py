@@ -55,17 +55,12 @@ def test_in_the_environment_they_lack_the_six_positions_of_hands(encoder, wanted
     assert parameters(make(env.observation_space, encoder=encoder).actor) == wanted
 
 
-def test_a_transformer_critic_has_one_head_and_an_actor_two():
-    policy = make(ObservationSpace(layout()), encoder="transformer")
-    for network, heads in ((policy.actor.latent_pi, 2), (policy.critic.q_networks[0], 1)):
-        assert [layer.self_attn.num_heads for layer in network[0].layers] == [heads] * 3
-
-
-def test_width_and_layers_of_a_transformer_are_as_asked():
+def test_heads_width_and_layers_of_a_transformer_are_as_asked():
     policy = make(ObservationSpace(layout()), encoder="transformer", width=64, n_layers=2)
-    for network in (policy.actor.latent_pi, policy.critic.q_networks[0]):
+    for network, heads in ((policy.actor.latent_pi, 2), (policy.critic.q_networks[0], 1)):
         assert network[0].positions.shape[1] == 64
         assert [layer.linear1.out_features for layer in network[0].layers] == [256, 256]
+        assert [layer.self_attn.num_heads for layer in network[0].layers] == [heads] * 2
     again = EncoderSACPolicy(**policy._get_constructor_parameters())
     again.load_state_dict(policy.state_dict())
 
@@ -79,15 +74,12 @@ def test_the_last_layer_says_of_the_first_token_what_torchs_does():
         torch.testing.assert_close(last(tokens), whole[:, :1])
 
 
-def test_labels_that_are_there_twice_are_seen_once():
+def test_labels_that_are_there_twice_are_seen_once_and_without_those_ahead_the_current_ones():
     encoder = FlatEncoder(layout(10, keys=3, state=4), n_actions=2)
     inputs = torch.arange(1.0, 1 + 33 + 10 + 4 + 110 + 2)[None]
     goal, labels, state = inputs[:, :33], inputs[:, 47:157], inputs[:, 43:47]
     wanted = torch.cat([goal, labels, state, inputs[:, 157:]], dim=1)
     torch.testing.assert_close(encoder(inputs), wanted)
-
-
-def test_without_a_lookahead_of_labels_the_current_ones_are_seen():
     encoder = ConvEncoder(layout(10, keys=3, state=4, fingers=("fingering",)), n_actions=0)
     assert encoder(torch.rand(2, 33 + 10 + 4)).shape == (2, 3 + 10 + 3 + 4)
 
@@ -148,9 +140,6 @@ def test_transformer_critics_and_targets_drop_out_while_training_and_actors_neve
 def test_settings_that_do_not_fit_are_refused(ahead, kwargs, message):
     with pytest.raises(ConfigError, match=message):
         make(ObservationSpace(layout(ahead)), **kwargs)
-
-
-def test_observations_without_a_goal_are_refused():
     with pytest.raises(ConfigError, match="is a Box without a layout: expected that of a piano"):
         make(spaces.Box(0, 1, (7,)))
     with pytest.raises(ConfigError, match="has state: expected a block 'goal'"):

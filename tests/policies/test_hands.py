@@ -98,6 +98,9 @@ def test_the_same_weights_act_alike_in_all_three():
 @each
 def test_it_learns_is_the_same_after_loading_and_learns_on(name, tmp_path):
     model = make(name)
+    for part in [model.policy] if name == "ppo" else [model.actor, model.critic]:
+        optimised = [p for group in part.optimizer.param_groups for p in group["params"]]
+        assert {id(p) for p in optimised} == {id(p) for p in part.parameters()}
     before = hand_weights(model.policy)
     model.learn(64)
     for part, tensor in hand_weights(model.policy).items():
@@ -163,14 +166,6 @@ def test_exploration_is_small_at_first_and_learnt(name):
 
 
 @each
-def test_all_that_learns_is_optimised_once(name):
-    model = make(name)
-    for part in [model.policy] if name == "ppo" else [model.actor, model.critic]:
-        optimised = [p for group in part.optimizer.param_groups for p in group["params"]]
-        assert {id(p) for p in optimised} == {id(p) for p in part.parameters()}
-
-
-@each
 def test_critics_may_learn_faster_than_the_actor(name, tmp_path):
     scale = 50.0
     model = make(name, critic_lr_scale=scale)
@@ -224,15 +219,10 @@ def test_settings_in_a_file_train_it(name, tmp_path, monkeypatch):
     assert {(head.in_features, head.out_features) for head in heads} == {(16 + N, M)}
 
 
-@pytest.mark.parametrize(
-    ("hands", "message"), [(5, "n_hands is 5, the observation space has 24"), (0, "n_hands is 0")]
-)
-def test_hands_that_do_not_divide_the_spaces_are_refused(hands, message):
-    with pytest.raises(ConfigError, match=message):
-        make("ppo", n_hands=hands)
-
-
-def test_actions_beyond_1_and_noise_that_depends_on_the_state_are_refused():
+def test_spaces_and_noise_that_do_not_fit_are_refused():
+    for hands, message in ((5, "n_hands is 5, the observation space has 24"), (0, "n_hands is 0")):
+        with pytest.raises(ConfigError, match=message):
+            make("ppo", n_hands=hands)
     space, wide = Reach().observation_space, gym.spaces.Box(-2.0, 2.0, (2 * M,))
     with pytest.raises(ConfigError, match=r"from -2 to 2: expected -1 to 1\. Wrap"):
         HandsTD3Policy(space, wide, lambda _: 1e-3)

@@ -44,20 +44,17 @@ def test_wrappers_stand_in_the_order_of_the_config(build):
             {"gymnasium.wrappers.TransformReward": {"func": None}},
         ],
         vec_env_wrapper="stable_baselines3.common.vec_env.VecCheckNan",
-        normalize=True,
+        normalize={"norm_reward": False},
+        algorithm_kwargs={"gamma": 0.8},
     )
     assert isinstance(venv, VecNormalize)
+    assert (venv.norm_reward, venv.gamma) == (False, 0.8)  # the discount is the algorithm's
     assert isinstance(venv.venv, VecCheckNan)
     env, names = venv.unwrapped.envs[0], []
     while isinstance(env, gym.Wrapper):
         names.append(type(env).__name__)
         env = env.env
     assert names[:3] == ["TransformReward", "FlattenObservation", "EpisodeLog"]
-
-
-def test_normalisation_takes_its_arguments_and_the_discount_of_the_algorithm(build):
-    venv = build(normalize={"norm_reward": False}, algorithm_kwargs={"gamma": 0.8})
-    assert (venv.norm_reward, venv.gamma) == (False, 0.8)
 
 
 @pytest.mark.slow
@@ -90,13 +87,18 @@ def test_an_environment_or_a_wrapper_that_refuses_its_arguments_is_named(build, 
         build(**changes)
 
 
-def test_the_model_gets_classes_schedules_and_tuples(build, small_config):
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("normal", NormalActionNoise), ("ornstein-uhlenbeck", OrnsteinUhlenbeckActionNoise)],
+)
+def test_the_model_gets_classes_schedules_tuples_and_noise(build, small_config, name, kind):
     changes = {
         "algorithm_kwargs": {
             "learning_rate": "lin_2e-3",
             "train_freq": [2, "step"],
             "policy_kwargs": {"net_arch": [4], "activation_fn": "nn.GELU"},
-        }
+        },
+        **{"noise_type": name, "noise_std": 0.2},
     }
     model = build_model(small_config(**changes), build(**changes))
     assert isinstance(model, TD3)
@@ -104,50 +106,27 @@ def test_the_model_gets_classes_schedules_and_tuples(build, small_config):
     assert (model.lr_schedule(1.0), model.lr_schedule(0.5)) == pytest.approx((0.002, 0.001))
     assert model.train_freq.frequency == 2
     assert model.seed == 1
-
-
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [("normal", NormalActionNoise), ("ornstein-uhlenbeck", OrnsteinUhlenbeckActionNoise)],
-)
-def test_noise_has_the_shape_of_the_actions(build, small_config, name, kind):
-    noise = {"noise_type": name, "noise_std": 0.2}
-    model = build_model(small_config(**noise), build(**noise))
     assert isinstance(model.action_noise, kind)
     assert model.action_noise._sigma.tolist() == [0.2]
 
 
-def test_an_algorithm_that_refuses_the_environment_is_named(build, small_config):
+def test_what_an_algorithm_or_a_callback_refuses_is_named(build, small_config):
     changes = {"env_id": "CartPole-v1"}
     with pytest.raises(ConfigError, match="TD3 cannot be made for 'CartPole-v1': .*action space"):
         build_model(small_config(**changes), build(**changes))
     changes |= {"noise_type": "normal", "noise_std": 0.1}
-    with pytest.raises(
-        ConfigError, match="'CartPole-v1' has the action space Discrete.*: expected"
-    ):
+    with pytest.raises(ConfigError, match="'CartPole-v1' has the action space Discrete.*: expect"):
         build_model(small_config(**changes), build(**changes))
-
-
-def test_a_replay_buffer_that_cannot_be_saved_is_refused_before_training(build, small_config):
-    changes = {"algorithm_kwargs": {"buffer_size": 1}}
+    changes = {"algorithm_kwargs": {"buffer_size": 1}}  # which could not be saved
     with pytest.raises(RunError, match="A ReplayBuffer of 1 row"):
         build_model(small_config(**changes), build(**changes))
-
-
-def test_a_callback_that_refuses_its_arguments_is_an_error(small_config):
     callback = "stable_baselines3.common.callbacks.CheckpointCallback"
     with pytest.raises(ConfigError, match="cannot be called with {}: miss"):
         build_callbacks(small_config(callback=callback))
-
-
-def test_text_in_the_algorithms_arguments_becomes_no_function(small_config):
-    hidden = {"optimizer_kwargs": {"betas": ["os.system", 0.9]}}
-    config = small_config(algorithm_kwargs={"policy_kwargs": hidden})
-    message = (
-        r"policy_kwargs.optimizer_kwargs.betas\[0\]: 'os.system' is no subclass of Module or O"
-    )
+    hidden = {"policy_kwargs": {"optimizer_kwargs": {"betas": ["os.system", 0.9]}}}
+    message = r"optimizer_kwargs.betas\[0\]: 'os.system' is no subclass of Module or O"
     with pytest.raises(ConfigError, match=message):
-        algorithm_arguments(config)
+        algorithm_arguments(small_config(algorithm_kwargs=hidden))
 
 
 @pytest.mark.slow

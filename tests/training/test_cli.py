@@ -65,23 +65,16 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     assert "Trained for 80 steps." in capsys.readouterr().out
 
 
-def test_fingers_are_found_for_a_file_without_labels(tmp_path):
+def test_fingers_are_found_for_a_file_without_labels_and_others_when_it_is_trained_on(tmp_path):
     save_tune(tmp_path / "plain.mid")
-    arguments = ["--midi", "plain.mid", "--fingering", "ergonomic", "--config", "small.yml"]
-    assert main(["train", *arguments, "--steps", "3", "--no-progress", "--run", "run"]) == 0
-    config = yaml.safe_load((tmp_path / "run" / "config.yml").read_text())
-    assert config["env_kwargs"] == {"score": "score.mid", "fingering": "ergonomic"}
-
-
-def test_a_run_may_be_trained_on_with_other_fingers(tmp_path):
-    save_tune(tmp_path / "plain.mid")
-    common = ["--config", "small.yml", "--steps", "3", "--no-progress"]
-    assert main(["train", "--midi", "plain.mid", *common, "--run", "run"]) == 0
+    common = ["--steps", "3", "--no-progress"]
+    train = ["train", "--midi", "plain.mid", "--fingering", "ergonomic", "--config", "small.yml"]
+    assert main([*train, *common, "--run", "run"]) == 0
     start = ["train", "--init-from", "run", "--fingering", "robot"]
-    assert main([*start, "--steps", "3", "--no-progress", "--run", "other"]) == 0
-    config = yaml.safe_load((tmp_path / "other" / "config.yml").read_text())
-    assert config["env_kwargs"]["fingering"] == "robot"
-    assert config["env_kwargs"]["score"] == "score.mid"
+    assert main([*start, *common, "--run", "other"]) == 0
+    for run, fingering in (("run", "ergonomic"), ("other", "robot")):
+        config = yaml.safe_load((tmp_path / run / "config.yml").read_text())
+        assert config["env_kwargs"] == {"score": "score.mid", "fingering": fingering}
 
 
 def test_imported_benchmark_pieces_are_listed_among_the_environments(tmp_path, monkeypatch, capsys):
@@ -150,18 +143,15 @@ def test_each_help_opens_with_a_sentence_and_an_example_that_is_one(name, capsys
     assert parser_of(given).parse_args(given).command
 
 
-def test_the_version_is_told(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        main(["--version"])
-    assert capsys.readouterr().out == f"sb3-piano {sb3_piano.__version__}\n"
-
-
-def test_help_names_every_physics_profile(capsys):
+def test_help_names_every_physics_profile_and_the_version_is_told(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["evaluate", "--help"])
     told = capsys.readouterr().out.rpartition("--physics NAME")[2].partition("default:")[0]
     whole = re.sub(r"-\s+", "-", told)  # lines are broken at hyphens
     assert set(re.findall("[a-z-]+", whole)) - {"or"} == set(PHYSICS_PROFILES)
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"sb3-piano {sb3_piano.__version__}\n"
 
 
 AT_THE_END = """

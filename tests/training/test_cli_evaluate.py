@@ -56,9 +56,12 @@ def metrics_of(run, tmp_path):
 
 def test_losses_are_shown_as_shares_of_what_the_file_counts(piano_run, call, tmp_path):
     piano_run(LOUD)
-    code, out, err = call("evaluate run --losses")
+    code, out, err = call("evaluate run --losses --physics fast --seed 3")
     assert (code, err) == (0, "")
-    found = metrics_of("run", tmp_path)["losses"]
+    written = metrics_of("run", tmp_path)
+    assert written["env_kwargs"]["physics"] == "fast"
+    assert written["episode_seeds"] == [3]
+    found = written["losses"]
     table = rows_of(out[out.index("Losses of run:") :])
     for counts in found.values():
         for group, kinds in counts.items():
@@ -93,14 +96,6 @@ def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call,
     assert "Performance: run/evaluation/performance_1.mid\n" in out
     assert "Metrics:     run/evaluation/metrics.json\n" in out
     assert max(map(len, out.splitlines())) <= 100
-
-
-def test_physics_and_seed_reach_the_evaluation(piano_run, call, tmp_path):
-    piano_run(STILL)
-    assert call("evaluate run --physics fast --seed 3")[0] == 0
-    found = metrics_of("run", tmp_path)
-    assert found["env_kwargs"]["physics"] == "fast"
-    assert found["episode_seeds"] == [3]
 
 
 def test_several_episodes_have_mean_deviation_and_interval(pendulum_run, call, tmp_path):
@@ -241,7 +236,7 @@ def test_a_comparison_shows_each_pair_and_what_they_say_together(call, evaluatio
     evaluations("a.json", {piece: {"f1": v, "recall": 1.0} for piece, v in a.items()})
     evaluations("b.json", {piece: {"f1": v, "recall": 1.0} for piece, v in b.items()})
     command = "compare a.json b.json --metric f1 --metric recall --csv pairs.csv --json all.json"
-    code, out, err = call(command)
+    code, out, err = call(f"{command} --plot differences.svg")
     assert (code, err) == (0, "")
     rows = rows_of(out)
     assert rows[:4] == tables["pairs"]
@@ -254,15 +249,9 @@ def test_a_comparison_shows_each_pair_and_what_they_say_together(call, evaluatio
         assert line in out
     assert len((tmp_path / "pairs.csv").read_text().splitlines()) == 7
     assert json.loads((tmp_path / "all.json").read_text())["metrics"]["f1"]["wilcoxon_p"] == 0.25
-    assert max(map(len, out.splitlines())) <= 100
-
-
-def test_a_comparison_is_drawn(call, evaluations, tmp_path):
-    evaluations("a.json", {"Scale": {"f1": 0.1}, "Waltz": {"f1": 0.2}})
-    code, out, err = call("compare a.json a.json --plot differences.svg")
-    assert (code, err) == (0, "")
     assert out.endswith("Picture:    differences.svg\n")
     assert "</svg>" in (tmp_path / "differences.svg").read_text()
+    assert max(map(len, out.splitlines())) <= 100
 
 
 @pytest.mark.parametrize(("pairs", "told"), [(5, True), (6, False)])

@@ -116,14 +116,11 @@ def test_what_a_run_cannot_be_told_is_refused(pendulum_run, capsys):
         assert f"{option[0]} cannot be given with the run" in capsys.readouterr().err
     assert main(["record", folder, "--best", "f1"]) == 2
     assert "has no best model by 'f1'" in capsys.readouterr().err
-
-
-def test_a_run_with_wrappers_around_its_vector_is_not_recorded(pendulum_run):
     stack = {"stable_baselines3.common.vec_env.VecFrameStack": {"n_stack": 2}}
-    folder = pendulum_run(vec_env_wrapper=stack)
+    stacked = pendulum_run("stacked", vec_env_wrapper=stack)
     with (
         pytest.raises(ConfigError, match="VecFrameStack around the vector"),
-        player_to_record(PlayerSpec.parse(folder.path)),
+        player_to_record(PlayerSpec.parse(stacked.path)),
     ):
         pass
 
@@ -147,10 +144,7 @@ def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("how", "by_thumb"),
-    [([], True), (["--fingering", "robot"], False), (["--fingering", "index.mid"], False)],
-)
+@tables("how, by_thumb")
 def test_a_planned_pianist_is_recorded_with_the_fingers_that_are_observed(
     tmp_path, how, by_thumb, monkeypatch
 ):
@@ -250,7 +244,7 @@ def test_a_clone_plays_in_the_environment_of_the_data_set():
         assert (player._env.action_space.high == 0.5).all()
 
 
-def test_what_cannot_be_cloned_is_told(recorded_pendulum, small_yaml, capsys):
+def test_what_cannot_be_cloned_is_told(recorded_pendulum, small_yaml, midi_file, capsys):
     assert main(["clone", PENDULUM, "--algo", "ppo"]) == 2
     assert "cannot be cloned into algorithm 'ppo': expected one of sac" in capsys.readouterr().err
     assert main(["clone", "other-v0"]) == 2
@@ -261,6 +255,10 @@ def test_what_cannot_be_cloned_is_told(recorded_pendulum, small_yaml, capsys):
         clone(PENDULUM, "sac", "here", config=small_yaml, **QUICK, on_epoch=told.append)
     assert told == []  # before any work
     assert evaluate("here").num_timesteps == 0
+    env = PianoEnv(midi_file, physics="fast")
+    record(Still(env), env, "still-v0")
+    with pytest.raises(ConfigError, match="'still-v0' does not tell its environment"):
+        clone("still-v0")
 
 
 def test_a_clone_that_is_broken_off_leaves_no_run(recorded_pendulum, small_yaml, tmp_path):
@@ -272,13 +270,6 @@ def test_a_clone_that_is_broken_off_leaves_no_run(recorded_pendulum, small_yaml,
     with pytest.raises(KeyboardInterrupt):
         clone(PENDULUM, "sac", "here", config=small_yaml, **QUICK, on_epoch=stop)
     assert not (tmp_path / "here").exists()
-
-
-def test_a_data_set_that_does_not_tell_its_environment_is_refused(midi_file):
-    env = PianoEnv(midi_file, physics="fast")
-    record(Still(env), env, "still-v0")
-    with pytest.raises(ConfigError, match="'still-v0' does not tell its environment"):
-        clone("still-v0")
 
 
 @tables("package, extra, command")

@@ -1,14 +1,19 @@
 """Two evaluations side by side, pair by pair."""
 
+import itertools
 import json
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from printed import read_csv
 from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import compare
+from sb3_piano.training.evaluation.statistics import bootstrap_interval, signed_rank_test, summarize
 
 tables = Tables(__file__)
 
@@ -87,12 +92,6 @@ def test_pairs_may_be_the_seeds_of_the_trainings(run_folder, tmp_path):
     ]
 
 
-def test_an_evaluation_that_does_not_tell_the_seed_of_its_training_is_refused(run_folder):
-    old = run_folder("old", "Scale", [0.1])
-    with pytest.raises(RunError, match="of Scale in '.*old' does not tell the training's seed"):
-        compare(old, old, by="training-seed")
-
-
 def test_equal_means_are_no_difference_however_many_episodes_they_are_from(written):
     """The mean of three times 0.1 is 0.10000000000000002."""
     a = written("a.json", {"Scale": episodes(0.1, 0.1, 0.1), "Waltz": episodes(0.1)})
@@ -155,22 +154,17 @@ def test_the_json_and_the_csv_have_what_was_found(written, tmp_path):
     }  # fmt: skip
 
 
-def test_an_unknown_metric_is_answered_with_the_nearest(written):
+def test_what_cannot_be_compared_is_refused(written, run_folder):
     a = written("a.json", {"Scale": episodes(0.1, onset_f1=0.2, sustain_f1=0.2)})
     with pytest.raises(ConfigError, match=r"'onsetf1'\. Did you mean 'onset_f1'.*one of f1, onset"):
         compare(a, a, ["onsetf1"])
-
-
-def test_what_pairs_is_checked(written):
-    a = written("a.json", {"Scale": episodes(0.1)})
     with pytest.raises(ConfigError, match=r"by is 'seeds': expected one of 'piece', .*\. Did"):
         compare(a, a, by="seeds")
-
-
-def test_evaluations_of_other_pieces_are_refused(written):
-    a, b = written("a.json", {"Scale": episodes(1)}), written("b.json", {"Waltz": episodes(1)})
     with pytest.raises(RunError, match="no piece in common.*has Scale; the latter has Waltz"):
-        compare(a, b)
+        compare(a, written("b.json", {"Waltz": episodes(1)}))
+    old = run_folder("old", "Scale", [0.1])
+    with pytest.raises(RunError, match="of Scale in '.*old' does not tell the training's seed"):
+        compare(old, old, by="training-seed")
 
 
 def test_what_is_not_there_is_named(written, run_folder, tmp_path):
@@ -208,3 +202,77 @@ def test_both_sides_tell_on_which_physics_they_were_played(written, run_folder, 
     assert "Not played" not in capsys.readouterr().out
     assert main(["compare", str(fast), str(exact)]) == 0
     assert "Not played on the same physics: A on fast, B on reference." in capsys.readouterr().out
+
+
+# Statistics of a few numbers, each proved by another road.
+
+
+def plain_interval(values, resamples=20_000):
+    """The ends between which 95 % of the means of resamples lie, by a loop."""
+    random = np.random.default_rng(12345)
+    means = [random.choice(values, len(values)).mean() for _ in range(resamples)]
+    return np.quantile(means, [0.025, 0.975])
+
+
+def enumerated_p(differences):
+    """The two-sided p of the signed-rank test: count the signs that are at least as one-sided."""
+    kept = [d for d in differences if d != 0]
+    sizes = np.abs(kept)
+    ranks = np.array([np.mean(np.flatnonzero(np.sort(sizes) == size) + 1) for size in sizes])
+    middle = ranks.sum() / 2
+    distance = abs(ranks[np.array(kept) > 0].sum() - middle)
+    signs = itertools.product([0, 1], repeat=len(kept))
+    return np.mean([abs(np.dot(sign, ranks) - middle) >= distance - 1e-9 for sign in signs])
+
+
+@pytest.mark.slow
+def test_the_interval_is_that_of_a_plain_resampling_loop():
+    values = np.random.default_rng(5).gamma(2.0, 1.0, 25)
+    assert bootstrap_interval(values) == pytest.approx(plain_interval(values), abs=0.03)
+
+
+@given(st.lists(st.floats(0, 1), min_size=2, max_size=8))
+def test_an_interval_stays_within_the_values_and_around_their_mean(values):
+    interval = bootstrap_interval(values)
+    if len(set(values)) == 1:
+        assert interval is None
+        return
+    if interval is not None:
+        tolerance = 1e-12
+        low, high = interval
+        assert min(values) - tolerance <= low <= np.mean(values) + tolerance
+        assert np.mean(values) - tolerance <= high <= max(values) + tolerance
+
+
+def test_a_summary_has_mean_deviation_and_interval():
+    """The squares of the distances from the mean 2 are 1, 1, 4 and 4."""
+    summary = summarize([1.0, 3.0, 0.0, 4.0])
+    assert (summary.n, summary.mean) == (4, 2.0)
+    assert summary.std == pytest.approx(np.sqrt(10 / 4))
+    assert summary.interval == bootstrap_interval([1.0, 3.0, 0.0, 4.0])
+    assert summary.no_interval is None
+
+
+@tables("values, reason")
+def test_where_nothing_varies_there_is_a_reason_in_place_of_an_interval(values, reason):
+    summary = summarize(values)
+    assert (summary.std, summary.interval, summary.no_interval) == (0.0, None, reason)
+    assert summary.mean == pytest.approx(values[0])
+
+
+@tables("differences")
+def test_the_test_is_that_of_trying_all_signs(differences):
+    test = signed_rank_test(differences)
+    assert test.p == pytest.approx(enumerated_p(differences), abs=1e-12)
+    assert test.n == np.count_nonzero(differences)
+
+
+def test_sizes_that_are_equal_but_for_rounding_share_their_rank():
+    exact = signed_rank_test([1.0, -1.0, 1.0, 1.0, 2.0])
+    assert signed_rank_test([0.1, -(0.3 - 0.2), 0.4 - 0.3, 0.1, 0.2]) == exact
+
+
+@tables("differences, reason")
+def test_without_two_pairs_that_differ_there_is_a_reason_in_place_of_a_test(differences, reason):
+    test = signed_rank_test(differences)
+    assert (test.p, test.least_p, test.no_test) == (None, None, reason)

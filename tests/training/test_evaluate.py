@@ -16,6 +16,7 @@ from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
+from yaml_rows import Tables
 
 from sb3_piano.envs import RETURN_KEYS
 from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
@@ -24,8 +25,10 @@ from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.training import compare, evaluate
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
-from sb3_piano.training.evaluation.evaluations import Evaluations, Failure
+from sb3_piano.training.evaluation.evaluations import Evaluations
 from sb3_piano.training.evaluation.statistics import summarize
+
+tables = Tables(__file__)
 
 
 class DoubleReward(gym.RewardWrapper):
@@ -125,19 +128,16 @@ def test_returns_equal_those_of_sb3s_own_evaluation_without_exploring(pendulum_r
     assert evaluation.std["return"] == pytest.approx(np.std(returns))
 
 
-def test_wrappers_act_but_do_not_change_what_is_measured(pendulum_run):
+def test_other_environments_have_return_and_length_only_and_wrappers_do_not_change_them(
+    pendulum_run,
+):
     folder = pendulum_run()
-    plain = evaluate(folder.path, seed=1).mean
-    config = folder.read_config()
-    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.DoubleReward"))
-    assert evaluate(folder.path, seed=1).mean["return"] == plain["return"]
-
-
-def test_other_environments_have_return_and_length_only(pendulum_run):
-    evaluation = evaluate(pendulum_run().path)
+    evaluation = evaluate(folder.path)
     assert set(evaluation.mean) == {"return", "length"}
     assert evaluation.baseline is None
     assert evaluation.performances == (None,)
+    wrap(folder, DoubleReward)
+    assert evaluate(folder.path).mean == evaluation.mean
 
 
 def test_a_run_without_its_copy_of_the_model_plays_its_checkpoint(pendulum_run):
@@ -148,13 +148,7 @@ def test_a_run_without_its_copy_of_the_model_plays_its_checkpoint(pendulum_run):
     assert evaluate(folder.path).mean == expected
 
 
-@pytest.mark.parametrize(
-    ("missing", "message"),
-    [
-        ("model.zip", r"has no model: expected model\.zip, .*train --resume"),
-        ("vecnormalize.pkl", r"expected model\.zip and vecnormalize\.pkl, written with"),
-    ],
-)
+@tables("missing, message")
 def test_a_run_without_model_or_statistics_is_refused(pendulum_run, missing, message):
     folder = pendulum_run(normalize=missing == "vecnormalize.pkl")
     (folder.path / missing).unlink()
@@ -200,29 +194,31 @@ def ctrl_c_after(episodes):
     return lambda: next(left) or os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(pendulum_run, ctrl_c):
-    folder = pendulum_run()
-    found = evaluate(folder.path, episodes=2, seed=[0, 1, 2], on_episode=ctrl_c_after(3))
+def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(three_runs, ctrl_c):
+    runs = [run.path for run in three_runs]
+    evaluations = evaluate_runs(runs, 2, [0, 1], on_episode=ctrl_c_after(7))
+    assert evaluations.interrupted
+    assert [len(found.episodes) for found in evaluations.evaluations] == [4, 3]  # no third run
+    found = evaluations.evaluations[1]
     assert found.interrupted
     assert found.episode_seeds == (0, 0, 1)
     written = json.loads(found.metrics_file.read_text())
     assert written["interrupted"]
     assert len(written["episodes"]) == len(found.performances) == 3
-    assert found.episodes == evaluate(folder.path, 2, [0, 1]).episodes[:3]
+    assert found.episodes == evaluate(runs[1], 2, [0, 1]).episodes[:3]
 
 
-def test_a_place_that_cannot_be_written_is_named(pendulum_run):
-    folder = pendulum_run()
-    folder.evaluation_dir.write_text("in the way")
-    with pytest.raises(RunError, match=r"evaluation' cannot be written: File exists"):
-        evaluate(folder.path, on_episode=lambda: pytest.fail("it was played first"))
-
-
-def test_a_disk_that_is_full_afterwards_is_told_in_a_line(pendulum_run, monkeypatch, caplog):
+def test_a_place_that_cannot_be_written_is_told_before_and_a_full_disk_afterwards(
+    pendulum_run, monkeypatch, caplog
+):
     def full(file, content):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     folder = pendulum_run()
+    folder.evaluation_dir.write_text("in the way")
+    with pytest.raises(RunError, match=r"evaluation' cannot be written: File exists"):
+        evaluate(folder.path, on_episode=lambda: pytest.fail("it was played first"))
+    folder.evaluation_dir.unlink()
     monkeypatch.setattr("sb3_piano.training.evaluation.evaluate.write_json", full)
     (failure,) = evaluate_runs([folder.path]).failures
     assert "evaluation' cannot be written: No space left on device. Expected" in failure.reason
@@ -252,26 +248,6 @@ def wrap(folder, wrapper):
     folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=path))
 
 
-@pytest.mark.slow
-def test_each_run_is_evaluated_as_it_would_be_alone(three_runs):
-    paths = [run.path for run in three_runs]
-    found = evaluate_runs(paths, 2, [0, 3])
-    assert found == Evaluations(evaluations=tuple(evaluate(path, 2, [0, 3]) for path in paths))
-    assert [evaluation.algo for evaluation in found.evaluations] == ["td3", "sac", "ddpg"]
-
-
-@pytest.mark.slow
-def test_each_run_plays_each_given_piece_beside_its_baseline(piano_run):
-    runs = [piano_run(STILL, name).path for name in ("one", "two")]
-    pieces = ["TwinkleTwinkleLittleStar", "CMajorScaleOneHand"]
-    found = evaluate_runs(runs, scores=pieces)
-    played = [(evaluation.run, evaluation.piece) for evaluation in found.evaluations]
-    assert played == [(run, piece) for run in runs for piece in pieces]
-    lengths = {e.piece: e.baseline["length"] for e in found.evaluations}
-    assert len(set(lengths.values())) == 2
-    assert not any((run / "evaluation").exists() for run in runs)
-
-
 def test_files_of_one_name_are_told_apart(piano_run, tmp_path):
     files = [tmp_path / composer / "midi_score.mid" for composer in ("Bach", "Liszt")]
     for index, file in enumerate(files):
@@ -285,8 +261,12 @@ def test_files_of_one_name_are_told_apart(piano_run, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_csv_has_a_row_for_each_episode(three_runs, tmp_path):
-    found = evaluate_runs([run.path for run in three_runs], 2, [7, 0])
+def test_the_csv_has_a_row_for_each_episode_of_each_run_as_if_it_were_alone(
+    three_runs, piano_run, tmp_path
+):
+    paths = [run.path for run in three_runs]
+    found = evaluate_runs(paths, 2, [7, 0])
+    assert found == Evaluations(evaluations=tuple(evaluate(path, 2, [7, 0]) for path in paths))
     found.write_csv(tmp_path / "all.csv")
     rows = read_csv(tmp_path / "all.csv")
     names = ["run", "algo", "piece", "seed", "episode", "return", "length"]
@@ -301,12 +281,9 @@ def test_the_csv_has_a_row_for_each_episode(three_runs, tmp_path):
     assert rows[4]["run"] == str(three_runs[1].path)
     returns = [e["return"] for evaluation in found.evaluations for e in evaluation.episodes]
     assert [float(row["return"]) for row in rows] == returns
-
-
-def test_metrics_that_a_run_lacks_are_empty_in_the_csv(piano_run, pendulum_run, tmp_path):
-    runs = [pendulum_run("pendulum").path, piano_run(STILL, "piano").path]
-    evaluate_runs(runs).write_csv(tmp_path / "all.csv")
-    pendulum, piano = read_csv(tmp_path / "all.csv")
+    # Metrics that a run lacks are empty.
+    evaluate_runs([paths[0], piano_run(STILL, "piano").path]).write_csv(tmp_path / "both.csv")
+    pendulum, piano = read_csv(tmp_path / "both.csv")
     assert pendulum["f1"] == ""
     assert 0 <= float(piano["f1"]) <= 1
 
@@ -340,24 +317,6 @@ def test_a_run_that_fails_is_named_and_the_others_are_evaluated(three_runs, tmp_
     assert not found.interrupted
     # what nobody expected is logged with its traceback, the rest is not
     assert [record.exc_info[0] for record in caplog.records] == [ZeroDivisionError]
-
-
-@pytest.mark.slow
-def test_a_piece_that_one_run_cannot_play_is_named(piano_run, pendulum_run):
-    runs = [pendulum_run("pendulum").path, piano_run(STILL, "piano").path]
-    found = evaluate_runs(runs, scores=["CMajorScaleOneHand"])
-    assert [evaluation.run for evaluation in found.evaluations] == [runs[1]]
-    assert "was not evaluated on 'CMajorScaleOneHand': " in str(found.failures[0])
-    assert found.failures[0] == Failure(
-        run=runs[0], piece="CMajorScaleOneHand", reason=found.failures[0].reason
-    )
-
-
-def test_ctrl_c_within_a_run_keeps_its_finished_episodes_and_starts_no_other(three_runs, ctrl_c):
-    runs = [run.path for run in three_runs]
-    found = evaluate_runs(runs, 3, on_episode=ctrl_c_after(5))
-    assert found.interrupted
-    assert [len(evaluation.episodes) for evaluation in found.evaluations] == [3, 2]
 
 
 def test_what_is_wrong_for_all_runs_is_refused_at_once(three_runs):

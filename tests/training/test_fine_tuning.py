@@ -10,6 +10,7 @@ import pytest
 import yaml
 from stable_baselines3 import PPO, SAC, TD3
 from untrained_hand import write_network
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.envs import GENERAL_ID, Block
@@ -27,6 +28,8 @@ from sb3_piano.training import (
     load_fine_tuning,
     train,
 )
+
+tables = Tables(__file__)
 
 EXCERPT = Path(__file__).parents[2] / "examples" / "fine_tuning" / "fur_elise.yml"
 ALGORITHMS = {"sac": SAC, "td3": TD3, "ppo": PPO}
@@ -115,12 +118,9 @@ def test_what_cannot_be_fine_tuned_is_refused():
     with pytest.raises(ConfigError, match="env_wrapper has no sb3_piano.players.PlayerRes"):
         load_fine_tuning("sac", GENERAL_ID, env_wrapper=[])
     assert load_config("sac", GENERAL_ID).env.network is None
-
-
-@pytest.mark.parametrize("name", ["fast", "robopianist"])
-def test_a_preset_for_training_from_nothing_is_refused_by_name(name):
-    with pytest.raises(ConfigError, match=f"preset '{name}' is for a training from nothing"):
-        load_fine_tuning("sac", GENERAL_ID, name)
+    for name in ("fast", "robopianist"):
+        with pytest.raises(ConfigError, match=f"preset '{name}' is for a training from nothing"):
+            load_fine_tuning("sac", GENERAL_ID, name)
 
 
 # What a run plays, whose model is corrected.
@@ -159,14 +159,6 @@ def test_a_run_keeps_its_piece_unless_another_one_is_named(base):
     assert several.pieces == ("hanon-01", "hanon-02")
 
 
-def test_a_run_keeps_its_pieces_and_a_way_of_fingering(base):
-    base(pieces=["hanon-0[12]"], env_kwargs={"fingering": "ergonomic"})
-    assert load_fine_tuning("sac", player="base").pieces == ("hanon-01", "hanon-02")
-    other = load_fine_tuning("sac", GENERAL_ID, player="base", env_kwargs={"score": "tune.mid"})
-    assert other.pieces == ()
-    assert other.env_kwargs["fingering"] == "ergonomic"
-
-
 class Idle(Block):
     name, meaning = "idle", "nothing"
 
@@ -178,23 +170,7 @@ def test_hands_are_corrected_one_by_one_where_nothing_else_is_observed(base, blo
     assert bool(config.vec_env_wrapper) is not bool(blocks)
 
 
-def test_a_choice_among_the_runs_pieces_is_left_out_for_others(base):
-    choice = {"sb3_piano.wrappers.RandomPiece": {"pieces": ["hanon-01", "hanon-02"]}}
-    base(env_kwargs={"score": "scale-CMajor"}, env_wrapper=[choice])
-    kept = [plugin.path for plugin in load_fine_tuning("sac", player="base").env_wrapper]
-    assert kept[0] == "sb3_piano.wrappers.RandomPiece"
-    other = load_fine_tuning("sac", player="base", env_kwargs={"score": "hanon-03"})
-    assert [plugin.path for plugin in other.env_wrapper] == kept[1:]
-
-
-@pytest.mark.parametrize(
-    ("wrapper", "rad"),
-    [
-        ({"sb3_piano.players.PlayerResidual": {"scale": 0.2}}, 0.24),
-        ({"sb3_piano.training.RunResidual": {"scale": 0.1}}, 0.1),
-        ("sb3_piano.players.PlayerResidual", None),
-    ],
-)
+@tables("wrapper, rad")
 def test_how_far_a_run_is_corrected_may_be_changed(base, wrapper, rad):
     base()
     around = "sb3_piano.wrappers.HandReward"

@@ -119,25 +119,18 @@ def test_what_a_killed_process_began_of_a_folder_is_made_anew(small_config, tmp_
     assert RunFolder.create(config, place).read_config().env_kwargs["score"].endswith("score.mid")
 
 
-def test_a_folder_that_is_taken_is_refused_with_the_way_to_go_on(small_config, tmp_path):
+def test_a_folder_that_is_taken_or_cannot_be_written_is_refused(small_config, tmp_path):
+    with (
+        RunFolder(tmp_path / "run").owned(),  # as by another process that makes a run
+        pytest.raises(RunError, match=f"run' is being trained by process {os.getpid()} on "),
+    ):
+        RunFolder.create(small_config(), tmp_path / "run")
     RunFolder.create(small_config(), tmp_path / "run")
     with pytest.raises(RunError, match=r"holds a run already: .* sb3-piano train --resume .*run"):
         RunFolder.create(small_config(), tmp_path / "run")
     with pytest.raises(RunError, match="is not empty: expected a new or empty one"):
         RunFolder.create(small_config(), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-def test_a_folder_that_another_process_is_making_a_run_in_is_refused(small_config, tmp_path):
-    with (
-        RunFolder(tmp_path / "run").owned(),
-        pytest.raises(RunError, match=f"run' is being trained by process {os.getpid()} on "),
-    ):
-        RunFolder.create(small_config(), tmp_path / "run")
-    RunFolder.create(small_config(), tmp_path / "run")
-
-
-def test_a_place_that_cannot_be_written_is_named_with_the_reason(small_config, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RunError, match=r"Folder '.*file/td3' cannot be written: Not a directory"):
         RunFolder.create(small_config(), runs_dir=tmp_path / "file")

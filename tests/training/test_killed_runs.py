@@ -9,11 +9,14 @@ import time
 import pytest
 from fresh_python import run_python, running_python
 from stable_baselines3 import SAC
+from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.training import RunFolder, resume
+
+tables = Tables(__file__)
 
 pytestmark = pytest.mark.slow
 
@@ -94,14 +97,7 @@ main(sys.argv[2:])
 """
 
 
-@pytest.mark.parametrize(
-    ("number", "command"),
-    [
-        (1, "train --env Pendulum-v1 --steps 100 --run made"),  # before run.yml has its name
-        (6, "clone robopianist/Pendulum-v1/td3-v0 --epochs 2 --hidden 8 --run made"),
-        (5, "export trained made --episodes 2 --no-video"),
-    ],
-)
+@tables("number, command")
 def test_the_same_command_makes_anew_what_a_killed_one_began(
     pendulum_run, tmp_path, monkeypatch, number, command
 ):

@@ -211,7 +211,17 @@ ZERO_OPTIONS = ["--sampling", "2", "--nominal", "none", "--horizon", "2"]
 @pytest.mark.slow
 @needs_gl
 def test_a_midi_file_becomes_a_video_with_sound(capsys):
-    command = ["play", "--planned", "plain.mid", "--physics", "fast", "--size", "64x48"]
+    command = [
+        "play",
+        "--planned",
+        "plain.mid",
+        "--physics",
+        "fast",
+        "--size",
+        "80x46",
+        "--view",
+        "top",
+    ]
     assert main(command) == 0
     out, error = capsys.readouterr()
     f1, precision, recall, nothing, onset_f1 = map(float, re.findall(r"\d\.\d{3}", out))
@@ -225,6 +235,8 @@ def test_a_midi_file_becomes_a_video_with_sound(capsys):
     assert {note.pitch for note in played.notes} == {48, 76, 77}
     with av.open(str(folder / "performance.mp4")) as video:
         assert (len(video.streams.video), len(video.streams.audio)) == (1, 1)
+        size = video.streams.video[0].codec_context
+        assert (size.width, size.height) == (80, 46)
     assert error.strip() == ""
 
 

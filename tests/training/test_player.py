@@ -105,16 +105,16 @@ def test_a_window_keeps_its_keys_for_another_piece(piano_run):
         OpenPlayer.open(folder.path, score=BEYOND)
 
 
-def test_no_piece_can_be_given_to_what_is_no_piano(pendulum_run):
-    with pytest.raises(ConfigError, match="cannot play 'Beyond': its environment 'Pendulum-v1' is"):
-        OpenPlayer.open(pendulum_run().path, score=BEYOND)
-
-
-def test_numbers_out_of_range_are_refused(pendulum_run):
-    folder = pendulum_run()
-    with pytest.raises(ConfigError, match="seed is -1: expected a whole number, 0 or more"):
-        OpenPlayer.open(folder.path, seed=-1)
-    with OpenPlayer.open(folder.path) as player:
+def test_what_a_run_cannot_play_is_refused(pendulum_run):
+    folder = pendulum_run().path
+    for error, message, changes in (
+        (ConfigError, "seed is -1: expected a whole number, 0 or more", {"seed": -1}),
+        (ConfigError, "cannot play 'Beyond': its environment 'Pendulum-v1' is", {"score": BEYOND}),
+        (RunError, "no best model by 'f1', it has none by any metric", {"best": "f1"}),
+    ):
+        with pytest.raises(error, match=message):
+            OpenPlayer.open(folder, **changes)
+    with OpenPlayer.open(folder) as player:
         with pytest.raises(ConfigError, match="episodes is 0: expected a whole number"):
             player.play(0)
         with pytest.raises(ConfigError, match="seed is -2: expected a whole number"):
@@ -155,11 +155,6 @@ def test_the_best_model_plays_in_place_of_the_last_one(evaluated_run, normalize)
     assert evaluate(run.path, best="f1").num_timesteps == 10
     with pytest.raises(RunError, match="no best model by 'onset_f1', it has one by f1: expected"):
         OpenPlayer.open(run.path, best="onset_f1")
-
-
-def test_a_run_without_a_best_model_says_so(piano_run):
-    with pytest.raises(RunError, match="no best model by 'f1', it has none by any metric"):
-        OpenPlayer.open(piano_run(STILL).path, best="f1")
 
 
 @pytest.mark.slow

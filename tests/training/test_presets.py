@@ -70,15 +70,12 @@ def made(algo, env_id, name=None, **changes):
         yield build_model(config, venv)
 
 
-def test_there_are_presets_for_these_algorithms():
-    assert list(PRESETS) == sorted((*OFF_POLICY, "ppo"))
-
-
-@pytest.mark.parametrize("algo", PRESETS)
+@pytest.mark.parametrize("algo", sorted((*OFF_POLICY, "ppo")))
 def test_a_file_has_a_default_and_an_entry_for_each_debug_piece(algo):
     others = [SELF_ACTUATED_ID] if algo == "ppo" else []
     entries = list(yaml.safe_load(PRESETS[algo].read_text()))
     assert entries == ["default", *DEBUG_IDS, *others]
+    assert list(PRESETS) == sorted((*OFF_POLICY, "ppo"))
 
 
 @pytest.mark.slow
@@ -120,14 +117,18 @@ def test_the_sources_that_a_file_cites_are_those_that_it_explains(algo):
     assert cited - explained == set()
 
 
-@pytest.mark.parametrize("algo", OFF_POLICY)
-def test_a_replay_buffer_is_compact_and_holds_the_whole_training(algo):
+@pytest.mark.parametrize("algo", PRESETS)
+def test_a_replay_buffer_is_compact_and_holds_the_whole_training_or_batches_are_full(algo):
     for env_id in IDS:
         config = load_config(algo, env_id)
         arguments = config.algorithm_kwargs
-        assert arguments["replay_buffer_class"] == "sb3_piano.buffers.CompactReplayBuffer"
-        assert arguments["buffer_size"] >= config.n_timesteps
         assert arguments["gamma"] == 0.8
+        if algo == "ppo":
+            assert config.n_envs * arguments["n_steps"] % arguments["batch_size"] == 0
+            assert config.normalize is True
+        else:
+            assert arguments["replay_buffer_class"] == "sb3_piano.buffers.CompactReplayBuffer"
+            assert arguments["buffer_size"] >= config.n_timesteps
 
 
 @pytest.mark.slow
@@ -150,15 +151,6 @@ def test_the_variants_of_an_algorithm_have_its_settings_where_both_have_them():
         shared = (own.keys() & others.keys()) - {"policy_kwargs"}
         assert len(shared) >= 8
         assert {name: own[name] for name in shared} == {name: others[name] for name in shared}
-
-
-def test_ppo_has_full_batches_and_normalises():
-    for env_id in IDS:
-        config = load_config("ppo", env_id)
-        arguments = config.algorithm_kwargs
-        assert config.n_envs * arguments["n_steps"] % arguments["batch_size"] == 0
-        assert config.normalize is True
-        assert arguments["gamma"] == 0.8
 
 
 @pytest.mark.slow

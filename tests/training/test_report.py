@@ -51,21 +51,7 @@ def test_it_says_where_run_and_report_come_from_and_how_to_make_it_again(piano_r
 
 
 @pytest.mark.slow
-def test_the_log_of_a_training_is_drawn(piano_run):
-    run = piano_run(LOUD)
-    for leftover in run.tensorboard_dir.rglob("*"):
-        if leftover.is_file():
-            leftover.unlink()
-    assert "There is no log of the training" in text_of(write_report(run.path))
-    with SummaryWriter(str(run.tensorboard_dir / "run_1")) as log:
-        log.add_scalar("music/f1", 0.25, 100)
-    page = write_report(run.path)
-    assert "There is no log of the training" not in text_of(page)
-    assert 'id="training-1"' in page.read_text()
-
-
-@pytest.mark.slow
-def test_curves_are_what_the_training_logged(run):
+def test_curves_are_what_the_training_logged(run, piano_run):
     folder = run(n_timesteps=100).folder
     curves = training_curves(folder)
     assert {"rollout/ep_rew_mean", "train/critic_loss"} <= set(curves)
@@ -73,6 +59,16 @@ def test_curves_are_what_the_training_logged(run):
         logged = scalars(folder, name)
         assert list(curve.steps) == sorted(logged), name
         assert list(curve.values) == [logged[step] for step in curve.steps], name
+    piano = piano_run(LOUD, "piano")
+    for leftover in piano.tensorboard_dir.rglob("*"):
+        if leftover.is_file():
+            leftover.unlink()
+    assert "There is no log of the training" in text_of(write_report(piano.path))
+    with SummaryWriter(str(piano.tensorboard_dir / "run_1")) as log:
+        log.add_scalar("music/f1", 0.25, 100)
+    page = write_report(piano.path)
+    assert "There is no log of the training" not in text_of(page)
+    assert 'id="training-1"' in page.read_text()
 
 
 def test_of_a_training_that_was_taken_up_again_only_what_counts_is_kept(tmp_path):

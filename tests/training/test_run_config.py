@@ -1,7 +1,6 @@
 """A run's config is checked when it is made and survives YAML."""
 
 import contextlib
-import sys
 from pathlib import Path
 
 import pytest
@@ -50,13 +49,6 @@ def test_values_are_converted_and_written_in_full(full_config):
     assert full_config.env_wrapper == (wrapper,)
 
 
-def test_a_config_does_not_share_what_it_was_given(small_config):
-    arch = [8]
-    config = small_config(algorithm_kwargs={"policy_kwargs": {"net_arch": arch}})
-    arch.append(9)
-    assert config.algorithm_kwargs["policy_kwargs"]["net_arch"] == [8]
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -71,39 +63,27 @@ def test_a_wrong_setting_is_refused_by_name(small_config, changes, message):
         small_config(**changes)
 
 
-def test_noise_is_refused_where_the_algorithm_has_none(small_config):
-    with pytest.raises(ConfigError, match="noise_type is 'normal', but PPO takes no action noise"):
-        RunConfig(
-            algo="ppo", env_id="Pendulum-v1", n_timesteps=5, noise_type="normal", noise_std=0.1
-        )
-
-
-def test_unknown_and_missing_keys_of_a_mapping_are_named(small_config):
+def test_unknown_missing_and_unfitting_keys_of_a_mapping_are_named(small_config):
     mapping = small_config().to_mapping()
     with pytest.raises(ConfigError, match=r"Unknown setting 'n_env' of RunConfig. Did you"):
         RunConfig(**{**mapping, "n_env": 1})
+    noise = {"noise_type": "normal", "noise_std": 0.1}
+    with pytest.raises(ConfigError, match="noise_type is 'normal', but PPO takes no action noise"):
+        RunConfig(algo="ppo", env_id="Pendulum-v1", n_timesteps=5, **noise)
     del mapping["n_timesteps"]
     with pytest.raises(ConfigError, match="n_timesteps is missing"):
         RunConfig(**mapping)
 
 
-def test_a_correction_of_no_run_names_none(small_config):
-    config = small_config(env_wrapper="sb3_piano.training.RunResidual")
-    assert config.env.base is None
-
-
-def test_the_module_of_an_environment_is_imported_and_remembered(
-    small_config, tmp_path, monkeypatch
+def test_a_config_does_not_share_what_it_was_given_and_a_correction_of_no_run_names_none(
+    small_config,
 ):
-    (tmp_path / "registering_module.py").write_text(
-        "import gymnasium\n"
-        "gymnasium.register('Elsewhere-v0', 'gymnasium.envs.classic_control:PendulumEnv')\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    config = small_config(env_id="registering_module:Elsewhere-v0")
-    assert (config.env_module, config.env_id) == ("registering_module", "Elsewhere-v0")
-    assert RunConfig(**config.to_mapping()) == config
-    assert "registering_module" in sys.modules
+    arch = [8]
+    arguments = {"policy_kwargs": {"net_arch": arch}}
+    config = small_config(algorithm_kwargs=arguments, env_wrapper="sb3_piano.training.RunResidual")
+    arch.append(9)
+    assert config.algorithm_kwargs["policy_kwargs"]["net_arch"] == [8]
+    assert config.env.base is None
 
 
 @pytest.mark.parametrize(

@@ -121,17 +121,16 @@ def test_weights_of_another_model_are_refused(pendulum_run, small_config, tmp_pa
             evaluate(shared.path)
 
 
-def test_a_folder_that_cannot_be_written_is_told(pendulum_run, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RunError, match="cannot be written"):
-        write_player(pendulum_run().path, tmp_path / "file" / "shared")
-
-
-def test_an_interruption_leaves_no_folder(pendulum_run, tmp_path, monkeypatch):
+def test_an_interruption_leaves_no_folder_and_one_that_cannot_be_written_is_told(
+    pendulum_run, tmp_path, monkeypatch
+):
     def ctrl_c(*arguments):
         raise KeyboardInterrupt
 
     run = pendulum_run()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunError, match="cannot be written"):
+        write_player(run.path, tmp_path / "file" / "shared")
     monkeypatch.setattr("sb3_piano.training.playing.player_files.pack_weights", ctrl_c)
     with pytest.raises(KeyboardInterrupt):
         write_player(run.path, tmp_path / "shared")

@@ -166,25 +166,22 @@ def test_without_one_that_is_learnt_there_is_none_to_begin_anew(
         begin(own)
 
 
-@pytest.mark.parametrize(("seed_steps", "first"), [(None, 8), (12, 12), (0, 1)])
+@pytest.mark.parametrize(
+    ("seed_steps", "n_envs", "first"), [(None, 1, 8), (12, 1, 12), (0, 1, 1), (11, 2, 6)]
+)
 def test_the_loaded_policy_fills_the_buffer_without_an_update(
-    config, source, begin, seed_steps, first
+    config, source, begin, seed_steps, n_envs, first
 ):
     noise = {"noise_type": "normal", "noise_std": 1e-6}
     options = {} if seed_steps is None else {"seed_steps": seed_steps}
     begun = start(source("td3", **noise), **options)
-    watched = begin(config("td3", callback=begun, n_timesteps=30, **noise))
+    watched = begin(config("td3", callback=begun, n_timesteps=30, n_envs=n_envs, **noise))
     before = watched.updates[0]  # those of the run are not counted on
     assert watched.updates[:first] == [before] * first
-    assert watched.updates[first:] == list(range(before + 1, before + 31 - first))
+    last = before + 30 // n_envs + 1 - first
+    assert watched.updates[first:] == list(range(before + 1, last))
     for action, policy in watched.actions:
         np.testing.assert_allclose(action, policy, atol=1e-4)
-
-
-def test_several_environments_fill_the_buffer_together(config, source, begin):
-    watched = begin(config(n_envs=2, callback=start(source(), seed_steps=11)))
-    before = watched.updates[0]
-    assert watched.updates[:8] == [before] * 6 + [before + 1, before + 2]
 
 
 def test_an_entropy_coefficient_that_is_fixed_is_the_new_runs(config, source, begin):
@@ -293,44 +290,36 @@ CHOICES = (
 )
 
 
-@pytest.mark.parametrize("choice", CHOICES)
+def corrected(run, **changes):
+    return load_fine_tuning("sac", player=run, **changes)
+
+
+@pytest.mark.parametrize("load", [load_start, corrected])
 @pytest.mark.parametrize("other", OTHERS)
-def test_a_choice_among_the_runs_pieces_is_left_out_for_others(source, other, choice):
-    run = source()
-    wrappers = [choice, "sb3_piano.wrappers.KeyRewardTiering"]
-    mapping = {**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"}
-    run.write_config(RunConfig(**{**mapping, "env_wrapper": wrappers}))
-    assert len(load_start(run.path).env_wrapper) == 2
-    (kept,) = load_start(run.path, **other).env_wrapper
-    assert kept.path == "sb3_piano.wrappers.KeyRewardTiering"
-
-
-def test_options_of_a_study_stay_with_it(source):
-    run = source()
-    mapping = {**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"}
-    study = RunConfig(**mapping).in_env(score="scale-CMajor", tempo=240, physics="fast")
-    run.write_config(study)
-    assert load_start(run.path).env_kwargs == study.env_kwargs
-    own = {"score": "scale-CMajor", "tempo": 240}
-    assert own.items() <= load_start(run.path, path="fast").env_kwargs.items()
-    for other in OTHERS:
-        assert "tempo" not in load_start(run.path, **other).env_kwargs
-
-
-@pytest.mark.parametrize("other", OTHERS)
-def test_labels_in_a_file_stay_with_their_piece(source, tmp_path, other):
-    run = source()
+def test_what_belongs_to_the_runs_pieces_is_left_out_for_others(config, tmp_path, load, other):
     labels = tmp_path / "labels.csv"
     labels.write_text("onset,pitch,finger\n0,60,1\n")
-    piece = RunConfig(**{**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"})
-    run.write_config(piece.in_env(score="hanon-01", fingering=str(labels)))
-    assert load_start(run.path).env_kwargs["fingering"] == str(labels)
-    found = load_start(run.path, **other)
-    assert "fingering" not in found.env_kwargs
-    assert found.env_kwargs.get("score") == other.get("env_kwargs", {}).get("score")
-    assert found.pieces == tuple(other.get("pieces", ()))
-    run.write_config(piece.in_env(score="hanon-01", fingering="ergonomic"))
-    assert load_start(run.path, **other).env_kwargs["fingering"] == "ergonomic"
+    studies = {"score": "scale-CMajor", "tempo": 240, "observation": "fingers"}
+    for number, (played, choices) in enumerate(
+        (
+            (studies, []),
+            ({"score": "hanon-01", "fingering": str(labels)}, CHOICES[:1]),
+            ({"score": "hanon-01", "fingering": "ergonomic"}, CHOICES[1:]),
+        )
+    ):
+        wrappers = [*choices, "sb3_piano.wrappers.KeyRewardTiering"]
+        own = config(env_id="RoboPianist-v0", env_kwargs=played, env_wrapper=wrappers)
+        run = RunFolder.create(own, tmp_path / str(number))
+        kept, found = load(run.path), load(run.path, **other)
+        assert run.read_config().env_kwargs.items() <= kept.env_kwargs.items()
+        assert len(kept.env_wrapper) == len(found.env_wrapper) + len(choices)
+        assert all(plugin.path not in str(CHOICES) for plugin in found.env_wrapper)
+        assert "tempo" not in found.env_kwargs
+        kept_fingering = "ergonomic" if played.get("fingering") == "ergonomic" else None
+        assert found.env_kwargs.get("fingering") == kept_fingering
+        assert found.env_kwargs.get("observation") == played.get("observation")
+        assert found.env_kwargs.get("score") == other.get("env_kwargs", {}).get("score")
+        assert found.pieces == tuple(other.get("pieces", ()))
 
 
 def test_the_runs_own_environment_may_be_named(config, tmp_path):
@@ -360,7 +349,9 @@ def test_the_module_of_an_environment_comes_along(config, tmp_path, monkeypatch)
         "gymnasium.register('Swing-v0', 'gymnasium.envs.classic_control:PendulumEnv')\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    run = RunFolder.create(config(env_id="swings:Swing-v0"), tmp_path / "run")
+    own = config(env_id="swings:Swing-v0")
+    assert RunConfig(**own.to_mapping()) == own
+    run = RunFolder.create(own, tmp_path / "run")
     (tmp_path / "own.yml").write_text("default: {n_timesteps: 9, policy: MlpPolicy}")
     for path in (None, tmp_path / "own.yml"):
         found = load_start(run.path, path=path)

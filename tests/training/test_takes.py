@@ -104,14 +104,7 @@ def test_what_a_runs_model_plays_is_heard_in_its_video(piano_run, midi_file, tmp
     assert all(np.abs(onsets - time).min() < 0.05 for time in heard)
 
 
-def test_the_wav_file_lasts_as_long_as_the_pictures_or_as_the_last_note_rings(tmp_path):
-    short = play_score(PIECE, tmp_path, picture=None)
-    rate, samples = wavfile.read(short.wav)
-    assert len(samples) / rate == pytest.approx(1.1 + 1.0, abs=1e-3)
-    np.testing.assert_allclose(onsets_in(samples, rate), [0.12, 0.5, 0.913], atol=0.003)
-
-
-def test_keys_go_down_when_they_are_due_while_the_hands_rest():
+def test_keys_go_down_when_they_are_due_while_the_hands_rest_and_the_last_note_rings(tmp_path):
     take = take_of_score(PIECE)
     scene, roll = take.scene, take.piano.roll
     hands = np.setdiff1d(np.arange(scene.model.nq), scene.key_qpos)
@@ -124,6 +117,9 @@ def test_keys_go_down_when_they_are_due_while_the_hands_rest():
     assert down[3:6, 48 - 21].tolist() == [True, True, True]  # steps 2 to 4
     assert take.piano.metrics()["f1"] == 1.0
     assert take.piano.metrics()["onset_f1"] == 1.0
+    rate, samples = wavfile.read(play_score(PIECE, tmp_path, picture=None).wav)
+    assert len(samples) / rate == pytest.approx(1.1 + 1.0, abs=1e-3)
+    np.testing.assert_allclose(onsets_in(samples, rate), [0.12, 0.5, 0.913], atol=0.003)
 
 
 @pytest.mark.slow
@@ -182,14 +178,11 @@ def test_the_seed_and_the_physics_reach_the_environment(piano_run):
     assert take_of_score(PIECE, physics="fast").scene.model.opt.timestep == 0.01
 
 
-def test_a_run_that_is_no_pianos_is_refused(run):
+def test_a_run_that_is_no_pianos_and_a_folder_that_cannot_be_made_are_refused(run, tmp_path):
     folder = run(n_timesteps=30).folder.path
     with pytest.raises(RunError, match="cannot be watched: its environment 'Pendulum-v1' is no"):
         play_run(folder)
     assert not (folder / "play").exists()
-
-
-def test_a_folder_that_cannot_be_made_is_an_error(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RunError, match="'.*file' cannot be written: .* Expected a folder"):
         play_score(PIECE, tmp_path / "file", picture=None)
@@ -242,18 +235,6 @@ def test_notes_are_as_loud_as_keys_were_struck_unless_all_are_to_be_equal(tmp_pa
     assert len(struck) == len(flat) > 5
     assert max(struck) - min(struck) > 10
     assert set(flat) == {80}
-
-
-@pytest.mark.slow
-@needs_gl
-def test_the_command_writes_the_video_of_the_asked_size(tmp_path, capsys):
-    write_midi(PIECE, tmp_path / "piece.mid")
-    out = tmp_path / "out"
-    options = ["--size", "80x46", "--view", "top", "--out", str(out)]
-    assert main([*SCORE, str(tmp_path / "piece.mid"), *options]) == 0
-    assert names_in(out) == FILES
-    assert video_of(out / "performance.mp4")[1] == (80, 46)
-    assert f"Video: {out}/performance.mp4" in capsys.readouterr().out
 
 
 def test_where_nothing_can_be_drawn_the_command_says_so_after_writing_the_rest(

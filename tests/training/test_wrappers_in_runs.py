@@ -7,23 +7,25 @@ import dataclasses
 from typing import ClassVar
 
 import numpy as np
+import own_terms
 import pytest
 import yaml
-from acting import VEC_ENVS, act_at
+from acting import VEC_ENVS, act_at, scalars
 from fresh_python import run_python
+from html_page import Page
 from short_scores import score_of
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
 from yaml_rows import Tables
 
-from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.cli import main
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.training import (
     OpenPlayer,
+    RunConfig,
     RunFolder,
     evaluate,
     play_run,
@@ -31,7 +33,7 @@ from sb3_piano.training import (
     train,
     write_report,
 )
-from sb3_piano.training.runs.builders import build_model, build_vec_env
+from sb3_piano.training.runs.builders import build_vec_env
 from sb3_piano.viewing.take import Take
 
 tables = Tables(__file__)
@@ -87,19 +89,6 @@ def assert_has_the_stack(venv):
 
 def pitches(score):
     return [note.pitch for note in score.notes]
-
-
-def play_steps(venv, count):
-    """Return observations, rewards and ends of steps with random actions."""
-    random = np.random.default_rng(0)
-    observations, rewards, dones = [venv.reset()], [], []
-    for _ in range(count):
-        action = random.uniform(-1, 1, venv.action_space.shape)
-        observation, reward, done, _ = venv.step(np.tile(action, (venv.num_envs, 1)))
-        observations.append(observation)
-        rewards.append(reward)
-        dones.append(done)
-    return np.array(observations), np.array(rewards), np.array(dones)
 
 
 # From YAML into a run, and out of its folder again.
@@ -184,47 +173,6 @@ def test_wrong_arguments_are_one_clear_error_and_leave_no_folder(
     assert message in error
     assert "Traceback" not in error
     assert not (tmp_path / "run").exists()
-
-
-# Vectors of environments, buffers and copies.
-
-
-@pytest.mark.slow
-def test_environments_in_threads_and_processes_have_the_same_wrappers(piano_config):
-    played = []
-    for vec_env in VEC_ENVS:
-        n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start
-        venv = build_vec_env(piano_config(n_envs=n_envs, vec_env=vec_env))
-        try:
-            assert venv.observation_space.shape == (STACKED_SIZE,)
-            played.append(play_steps(venv, STACKED_STEPS + 2))
-            weights = [weights["fingering"] for weights in venv.get_attr("reward_weights")]
-            assert weights == pytest.approx([2 - 2 * (STACKED_STEPS + 2 - 5) / 20] * n_envs)
-        finally:
-            venv.close()
-    assert np.flatnonzero(played[0][2].all(axis=1)).tolist() == [STACKED_STEPS - 1]
-    for others in played[1:]:
-        for mine, other in zip(played[0], others, strict=True):
-            np.testing.assert_array_equal(mine[:, : other.shape[1]], other.astype(mine.dtype))
-
-
-def test_a_compact_buffer_holds_exactly_what_a_cut_observation_shows(piano_config):
-    rows = []
-    for buffer in ("sb3_piano.buffers.CompactReplayBuffer", None):
-        changes = {} if buffer is None else {"replay_buffer_class": buffer}
-        arguments = {"learning_starts": 1000, "buffer_size": 50, **changes}
-        config = piano_config(n_timesteps=30, algorithm_kwargs=arguments)
-        venv = build_vec_env(config)
-        model = build_model(config, venv)
-        model.learn(30)
-        assert isinstance(model.replay_buffer, CompactReplayBuffer) is (buffer is not None)
-        everything = np.arange(30), np.zeros(30, dtype=int)
-        rows.append(model.replay_buffer.observations[everything])
-        rows.append(model.replay_buffer.next_observations[everything])
-        venv.close()
-    assert rows[0].shape == (30, STACKED_SIZE)
-    np.testing.assert_array_equal(rows[0], rows[2])
-    np.testing.assert_array_equal(rows[1], rows[3])
 
 
 # Stock RL Zoo.
@@ -320,3 +268,68 @@ def test_relabelled_episodes_go_by_the_steps_of_a_resumed_training(
     run = train(config, tmp_path / "run", progress_bar=False).folder
     resume(run.path, 4 * STEPS, progress_bar=False)
     assert begun == [0, STEPS, 2 * STEPS, 3 * STEPS]
+
+
+# Reward terms from outside.
+
+
+TERMS = {"smooth": "own_terms.smooth", "still": "own_terms.still"}
+
+
+@pytest.fixture
+def entry(small_config, midi_file):
+    """Return an entry of a YAML file: one episode, of which the monitor notes a term."""
+    config = small_config(env_id=ENV_ID, n_timesteps=30).to_mapping()
+    kept = {name: config[name] for name in ("n_timesteps", "policy")} | config["algorithm_kwargs"]
+    options = {"score": str(midi_file), "physics": "fast", "reward_terms": TERMS}
+    options["reward_weights"] = {"smooth": "1e-3"}
+    monitor = {"info_keywords": ["return_smooth"]}
+    return {**kept, "env_kwargs": options, "monitor_kwargs": monitor}
+
+
+@pytest.mark.slow
+def test_a_run_from_yaml_logs_evaluates_and_reports_them(entry, tmp_path, capsys, episodes_of):
+    file, folder = tmp_path / "own.yml", tmp_path / "run"
+    file.write_text(yaml.safe_dump({ENV_ID: entry}))
+    command = ["train", "--algo", "td3", "--env", ENV_ID, "--config", str(file), "--no-progress"]
+    assert main([*command, "--run", str(folder)]) == 0
+    run = RunFolder.open(folder)
+    assert run.read_config().env_kwargs["reward_terms"] == TERMS
+    (episode,) = episodes_of(run.monitor_dir)
+    (logged,) = scalars(run, "reward/smooth").values()
+    assert episode["return_smooth"] == pytest.approx(logged)
+    assert logged < 0
+    mean = evaluate(folder).mean
+    assert mean["return_smooth"] <= 0 <= mean["return_still"]
+    capsys.readouterr()
+    assert main(["evaluate", str(folder), "--metrics", "f1", "return_smooth"]) == 0
+    shown = capsys.readouterr().out
+    assert "smooth" in shown
+    assert "still" not in shown
+    text = Page(write_report(folder).read_text(encoding="utf-8")).text
+    assert "Smooth" in text
+    assert "Hands that rest" in text
+
+
+def test_functions_of_modules_become_their_paths(entry):
+    options = {**entry["env_kwargs"], "reward_terms": {"smooth": own_terms.smooth}}
+    config = RunConfig(algo="td3", env_id=ENV_ID, n_timesteps=30, env_kwargs=options, n_envs=2)
+    assert config.env_kwargs["reward_terms"] == {"smooth": "own_terms.smooth"}
+    venv = build_vec_env(config)
+    assert venv.env_method("reward_terms", 0)
+    venv.close()
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ({"smooth": "own_terms.smoth"}, "Reward term 'smooth': .*mean 'smooth'"),
+        ({"smooth": lambda step: 0.0}, "Reward term 'smooth': .*<lambda>' is no import path"),
+        ({"still": own_terms.still}, "still is a Term, which a run's folder cannot hold"),
+        ({"energy": "own_terms.smooth"}, "Reward term 'energy' is built in"),
+    ],
+)
+def test_what_a_run_cannot_have_is_told_before_it_is_made(entry, terms, message):
+    options = {**entry["env_kwargs"], "reward_terms": terms}
+    with pytest.raises(ConfigError, match=message):
+        RunConfig(algo="td3", env_id=ENV_ID, n_timesteps=30, env_kwargs=options)

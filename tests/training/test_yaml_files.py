@@ -1,12 +1,17 @@
 """Hyperparameter files in RL Zoo's form, and the presets that come with the package."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+import torch
 from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.imports import full_name, import_name
 from sb3_piano.training import load_config
+from sb3_piano.training.configuration.values import coerce, parse_zoo_text
 
 tables = Tables(__file__)
 ZOO_FILE = Path(__file__).parents[1] / "data" / "zoo_td3.yml"
@@ -34,19 +39,21 @@ def test_default_stands_for_all_other_environments(tmp_path):
     assert load_config("sac", "MountainCarContinuous-v0", path).n_timesteps == 5
 
 
-def test_overrides_replace_keys_and_env_kwargs_are_added():
-    config = load_config(
-        "td3",
-        "Pendulum-v1",
-        ZOO_FILE,
-        n_timesteps=50,
-        gamma="0.5",
-        seed=0,
-        env_kwargs={"max_episode_steps": 9, "g": 5.0},
-    )
+def test_overrides_replace_keys_and_env_kwargs_are_added_and_wrong_ones_are_named():
+    changes = {"n_timesteps": 50, "gamma": "0.5", "seed": 0}
+    given = {"max_episode_steps": 9, "g": 5.0}
+    config = load_config("td3", "Pendulum-v1", ZOO_FILE, **changes, env_kwargs=given)
     assert (config.n_timesteps, config.seed) == (50, 0)
     assert config.algorithm_kwargs["gamma"] == 0.5
     assert config.env_kwargs == {"max_episode_steps": 9, "render_mode": None, "g": 5.0}
+    for env_id, file, wrong, message in (
+        ("Pendulum-v9", ZOO_FILE, {}, r"^Unknown environment 'Pendulum-v9'"),
+        ("MountainCar-v0", ZOO_FILE, {}, r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"),
+        ("Pendulum-v1", ZOO_FILE, {"n_envs": 0}, "'Pendulum-v1' with n_envs replaced: n_envs is 0"),
+        ("Pendulum-v1", [1], {}, r"config is \[1\]: expected a YAML file"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            load_config("td3", env_id, file, **wrong)
 
 
 NESTED = "a: &a0 [1]\n" + "".join(f"b{i}: &a{i + 1} [*a{i}, *a{i}]\n" for i in range(30))
@@ -72,20 +79,6 @@ def test_a_file_that_cannot_be_used_is_named_with_the_reason_in_a_line(tmp_path,
     assert len(str(caught.value)) < 1500
 
 
-@pytest.mark.parametrize(
-    ("env_id", "file", "changes", "message"),
-    [
-        ("Pendulum-v9", ZOO_FILE, {}, r"^Unknown environment 'Pendulum-v9'"),
-        ("MountainCar-v0", ZOO_FILE, {}, r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"),
-        ("Pendulum-v1", ZOO_FILE, {"n_envs": 0}, "'Pendulum-v1' with n_envs replaced: n_envs is 0"),
-        ("Pendulum-v1", [1], {}, r"config is \[1\]: expected a YAML file"),
-    ],
-)
-def test_what_is_asked_for_and_cannot_be_read_is_named(env_id, file, changes, message):
-    with pytest.raises(ConfigError, match=message):
-        load_config("td3", env_id, file, **changes)
-
-
 @pytest.mark.parametrize("algo", ["ddpg", "sac", "td3", "tqc"])
 def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
     config = load_config(algo, "RoboPianist-v0")
@@ -102,3 +95,59 @@ def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
         "sb3_piano.callbacks.F1Callback",
         {"eval_freq": 10000},
     )
+
+
+# Values from YAML and RL Zoo's snippets fit their parameters, or are refused by name.
+
+
+UNREAD = r"cannot be read \(.*\): expected literals, dict\(\.\.\.\) and names of classes"
+NAMES = {"Any": Any, "RATE": float | Callable[[float], float], "torch": torch}
+"""What the annotations in the tables are written with."""
+
+
+@pytest.mark.parametrize(
+    ("value", "annotation", "expected"),
+    [
+        *tables["a_value_becomes_what_its_parameter_expects"],
+        ([1, "episode"], "int | tuple[int, str]", (1, "episode")),
+        (["f1", "recall"], "tuple[str, ...]", ("f1", "recall")),
+        (object, "Any", object),
+    ],
+)
+def test_a_value_becomes_what_its_parameter_expects(value, annotation, expected):
+    fitting = coerce(value, eval(annotation, NAMES), "key")
+    assert fitting == expected
+    assert type(fitting) is type(expected)
+
+
+@tables("value, annotation, message")
+def test_a_value_that_does_not_fit_is_refused_with_key_value_and_type(value, annotation, message):
+    with pytest.raises(ConfigError, match=message):
+        coerce(value, eval(annotation, NAMES), "key")
+
+
+@tables("text, value")
+def test_literals_calls_of_dict_and_names_are_understood(text, value):
+    assert parse_zoo_text(text) == value
+
+
+@tables("text, message")
+def test_anything_else_is_refused_with_the_part_that_is_wrong(text, message):
+    with pytest.raises(ConfigError, match=message or UNREAD):
+        parse_zoo_text(text)
+
+
+@tables("old, now")
+def test_what_older_files_name_is_found_where_it_is_now(old, now):
+    assert full_name(old) == now
+    assert import_name(old) is import_name(now)
+
+
+def test_a_module_that_fails_while_it_is_imported_is_named(tmp_path, monkeypatch):
+    (tmp_path / "broken_module.py").write_text("import missing_package\n")
+    (tmp_path / "crashing_module.py").write_text("1 / 0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ConfigError, match="No module named 'missing_package'"):
+        import_name("broken_module.Thing")
+    with pytest.raises(ConfigError, match="it raises ZeroDivisionError"):
+        import_name("crashing_module.Thing")

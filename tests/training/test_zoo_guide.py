@@ -15,9 +15,10 @@ from yaml_rows import Tables
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.simulation.gl import find_gl_backend
 
-pytestmark = pytest.mark.slow
-
-pytest.importorskip("rl_zoo3")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="needs rl_zoo3"),
+]
 
 ENV_ID = "RoboPianist-debug-CMajorScaleOneHand-v0"  # of 151 steps
 GUIDE = (Path(__file__).parents[2] / "docs" / "zoo.md").read_text(encoding="utf-8")

@@ -9,6 +9,7 @@ import pytest
 from episodes import assert_checks_pass, at_random, steps_of
 from gymnasium.wrappers import RescaleObservation
 from short_scores import score_of
+from yaml_rows import Tables
 
 import sb3_piano.wrappers
 from sb3_piano.envs import ObservationSpace
@@ -235,58 +236,11 @@ def test_what_is_no_piano_is_refused(wrapper):
             wrapper(gym.make(env_id), **ARGUMENTS[wrapper])
 
 
-INF = float("inf")
-REFUSED = [
-    (PitchShift, {"semitones": "3b"}, "semitones is '3b': expected a whole number"),
-    (PitchShift, {"semitones": [1, 2, 3]}, r"semitones is \[1, 2, 3\]: expected one number, or a"),
-    (OctaveShift, {"octaves": [2, 1]}, r"octaves is \[2, 1\]: expected the lower end first"),
-    (PitchShift, {"semitones": 1, "probability": 1.1}, "probability is 1.1: expected a finite"),
-    (Pixels, {"width": 0}, "width is 0: expected a whole number from 1 to 1920 pixels"),
-    (Pixels, {"camera": "side"}, "camera is 'side': expected one of 'overview', 'topdown'"),
-    (TemporalStretch, {"factor": 2, "scale": "log"}, "scale is 'log': expected one of"),
-    (TemporalStretch, {"factor": INF}, "factor is inf: expected a finite number above 0"),
-    (TemporalStretch, {"factor": [0.0, 1]}, r"factor\[0\] is 0.0: expected a finite number"),
-    (RandomPiece, {"pieces": []}, "pieces is .*: expected one or more"),
-    (RandomPiece, {"pieces": 3}, "A piece cannot be given as int: expected a Score"),
-    (RandomPiece, {"pieces": ["CMajorScaleOneHnd"]}, "Did you mean 'CMajorScaleOneHand'"),
-    (RandomPiece, {"weights": [1]}, r"weights is \[1\]: expected a list of 2, one for each piece"),
-    (RandomPiece, {"weights": [1, -0.1]}, "expected numbers from 0 on, not all of them 0"),
-    (Excerpt, {"unit": "beats"}, "unit is 'beats': expected one of 'seconds', 'bars'"),
-    (Excerpt, {"start": "anywhere"}, "start is 'anywhere': expected a number of seconds or 'ran"),
-    (Excerpt, {"start": -1}, "start is -1: expected a finite number, 0 seconds or more"),
-    (Excerpt, {"length": 0}, "length is 0: expected a finite number above 0 seconds"),
-    (Excerpt, {"length": 1.5, "unit": "bars"}, "length is 1.5: expected a whole number above 0"),
-    (Excerpt, {"start": 0.5, "length": 1, "unit": "bars"}, "start is 0.5: expected a whole number"),
-    (KeyRange, {"keys": 48}, r"keys is 48: expected 12, 24, 36, 88, \"piece\""),
-    (KeyRange, {"keys": [60, 48]}, r"keys is \[60, 48\]"),
-    (KeyRange, {"keys": [20, 48]}, "from 21 to 108"),
-    (KeyRange, {"margin": -1}, "margin is -1: expected a whole number, 0 or more"),
-    (KeyRange, {"outside": "ignore"}, "outside is 'ignore': expected one of 'error', 'hide'"),
-    (KeyRange, {"simulated": 1}, "simulated is 1: expected true or false"),
-    (KeyRange, {"outside": "hide", "simulated": True}, "expected one of them only"),
-    (Lookahead, {"steps": None}, "steps is None and seconds is None: expected exactly one"),
-    (Lookahead, {"seconds": 0.5}, "steps is 4 and seconds is 0.5: expected exactly one"),
-    (Lookahead, {"steps": -1}, "steps is -1: expected a whole number from 0 to 10000 control"),
-    (Lookahead, {"steps": None, "seconds": 0.52}, r"0.52.*0.05 s: expected 0.5 or 0.55"),
-    (Lookahead, {"steps": None, "seconds": 0.5 + 1e-8}, "expected 0.5 or 0.55"),
-    (Lookahead, {"steps": None, "seconds": -0.5}, "expected a finite number, 0 s or more"),
-    (Lookahead, {"stride": 0}, "stride is 0: expected a whole number, 1 or more"),
-    (Lookahead, {"steps": 10, "stride": 4}, "stride 4: expected a multiple of it, such as 8 or 12"),
-    (Lookahead, {"fingers": "yes"}, "fingers is 'yes': expected true or false"),
-    (RewardWeights, {"weights": {"fingring": 1}}, "term 'fingring'. Did you mean 'fingering'"),
-    (RewardWeights, {"weights": {"energy": "x"}}, r"weights\['energy'\] is 'x': expected a"),
-    (RewardWeights, {"weights": {"energy": 1e308}}, r"finite number from -1e\+06 to 1e\+06"),
-    (FingeringDecay, {"n_steps": 0}, "n_steps is 0: expected a whole number, 1 or more"),
-    (FingeringDecay, {"start": -1}, "start is -1: expected a whole number, 0 or more"),
-    (FingeringDecay, {"final": INF}, "final is inf: expected a finite number"),
-    (RewardTiering, {"threshold": 1.01}, "threshold is 1.01: expected a finite number from 0 to 1"),
-]
-
-
-@pytest.mark.parametrize(("wrapper", "changes", "message"), REFUSED)
+@Tables(__file__)("wrapper, changes, message")
 def test_a_wrong_argument_is_refused_by_name_and_value(wrapper, changes, message):
+    kind = getattr(sb3_piano.wrappers, wrapper)
     with pytest.raises((ConfigError, ScoreError, UnknownPieceError), match=message):
-        wrapper(piano(), **{**ARGUMENTS[wrapper], **changes})
+        kind(piano(), **{**ARGUMENTS[kind], **changes})
 
 
 @pytest.mark.parametrize(

@@ -93,32 +93,25 @@ def test_each_step_is_compared_with_its_own_goal(notes, options, held, expected)
 
 
 @pytest.mark.parametrize(
-    ("keys", "threshold", "counts"),
+    ("keys", "steps", "thresholds"),
     [
-        ((), 0.75, False),  # 0.5001
-        ((), 0.5, True),
-        ((WRONG,), 0.5, False),  # 0.0001
-        ((C4,), 0.74, True),  # 0.75
-        ((C4,), 0.76, False),
-        ((C4, E4), 0.75, True),
-        ((C4, E4), 1, False),  # 1 does not exceed 1
-        ((C4, E4, WRONG), 0.75, False),  # 0.5
-        (range(NUM_KEYS), 0.0, True),
+        ((), 2, {0.75: False, 0.5: True}),  # 0.5001
+        ((), 7, {0.5: False}),  # a rest: 0.5, which the default has to be exceeded by
+        ((WRONG,), 2, {0.5: False}),  # 0.0001
+        ((C4,), 2, {0.74: True, 0.76: False}),  # 0.75
+        ((C4, E4), 2, {0.75: True, 1: False}),  # 1 does not exceed 1
+        ((C4, E4, WRONG), 2, {0.75: False}),  # 0.5
+        (range(NUM_KEYS), 2, {0.0: True}),
     ],
 )
-def test_comfort_counts_above_the_threshold(piano, keys, threshold, counts):
-    _, terms = play(piano, keys)
+def test_comfort_counts_above_the_threshold(piano, keys, steps, thresholds):
+    _, terms = play(piano, keys, steps)
     assert (terms["forearm"], terms["energy"] < 0.0) == (1.0, True)
-    env = RewardTiering(piano) if threshold == 0.5 else RewardTiering(piano, threshold)
-    env.reset(seed=0)
-    reward, tiered = play(env, keys)
-    if not counts:
-        terms.update(energy=0.0, forearm=0.0)
-    assert tiered == terms
-    weights = piano.config.reward_weights
-    assert reward == pytest.approx(sum(weights[name] * terms[name] for name in terms))
-
-
-def test_by_default_rests_never_count(piano):
-    """Where nothing is due ``key_press`` is 0.5, which the default has to be exceeded by."""
-    assert play(RewardTiering(piano), (), steps=7)[1]["forearm"] == 0.0
+    for threshold, counts in thresholds.items():
+        env = RewardTiering(piano) if threshold == 0.5 else RewardTiering(piano, threshold)
+        env.reset(seed=0)
+        reward, tiered = play(env, keys, steps)
+        expected = terms if counts else {**terms, "energy": 0.0, "forearm": 0.0}
+        assert tiered == expected
+        weights = piano.config.reward_weights
+        assert reward == pytest.approx(sum(weights[name] * expected[name] for name in terms))

@@ -11,11 +11,14 @@ from gymnasium.wrappers import TimeLimit, TransformReward
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from short_scores import score_of
+from yaml_rows import Tables
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import FingeringDecay, KeyRewardTiering, RewardTiering, RewardWeights
+
+tables = Tables(__file__)
 
 TINY = score_of((0.0, 0.1, 60, 0), (0.15, 0.25, 64, 6), title="tiny")
 STEPS = 6
@@ -123,38 +126,24 @@ def approx(values):
     return [None if value is None else pytest.approx(value) for value in values]
 
 
-def test_the_weight_falls_linearly_over_episodes_and_stays():
+def test_the_weight_falls_linearly_over_episodes_and_stays_and_two_decays_multiply():
     env = FingeringDecay(short_piano(), 5, start=2)
     env.reset(seed=0)
     # the fourth step of each episode has no finger label
     assert weights_of(env, 12) == approx([1, 1, 0.8, None, 0.4, 0.2, 0, None, 0, 0, 0, None])
+    env = FingeringDecay(short_piano(), 10)
+    env.unwrapped.total_steps = 6  # which were played before
+    env.reset(seed=0)
+    assert weights_of(env, 3) == approx([0.3, 0.2, 0.1])
+    env = FingeringDecay(FingeringDecay(short_piano(), 4), 2)
+    env.reset(seed=0)
+    assert weights_of(env, 3) == approx([0.75 * 0.5, 0, 0])
 
 
-@pytest.mark.parametrize(
-    ("inner", "final", "expected"),
-    [
-        (1.0, 0.5, [0.75, 0.5, 0.5]),
-        (1.0, 3, [2.0, 3.0, 3.0]),  # it may rise as well
-        (4.0, 0.0, [2.0, 0.0, 0.0]),
-        (0.0, 0.0, [0.0, 0.0, 0.0]),
-    ],
-)
+@tables("inner, final, expected")
 def test_it_starts_from_the_weight_inside_and_ends_at_the_final_one(inner, final, expected):
     made = FingeringDecay(short_piano(reward_weights={"fingering": inner}), 2, final=final)
     wrapped = FingeringDecay(RewardWeights(short_piano(), {"fingering": inner}), 2, final=final)
     for env in (made, wrapped):
         env.reset(seed=0)
         assert weights_of(env, 3) == approx(expected)
-
-
-def test_it_goes_on_from_the_steps_that_were_played_before():
-    env = FingeringDecay(short_piano(), 10)
-    env.unwrapped.total_steps = 6
-    env.reset(seed=0)
-    assert weights_of(env, 3) == approx([0.3, 0.2, 0.1])
-
-
-def test_two_decays_multiply_and_do_not_disturb_each_other():
-    env = FingeringDecay(FingeringDecay(short_piano(), 4), 2)
-    env.reset(seed=0)
-    assert weights_of(env, 3) == approx([0.75 * 0.5, 0, 0])

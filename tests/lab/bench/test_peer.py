@@ -87,12 +87,6 @@ def test_the_peers_physics_plays_what_its_environment_did(monkeypatch):
     assert inside()[0] is env.physics.data
 
 
-def test_the_process_ends_with_the_context(double, processes):
-    with double(f"{DOUBLE}\nimport time\ntime.sleep(30)"):
-        assert processes[0].poll() is None
-    assert processes[0].returncode == -signal.SIGKILL
-
-
 @pytest.mark.parametrize(
     ("code", "message"),
     [
@@ -114,9 +108,14 @@ def test_a_peer_that_does_not_start_says_why_and_leaves_no_process(
     assert processes[0].poll() is not None
 
 
-def test_a_peer_that_fails_while_it_plays_is_told(double):
+def test_a_peer_that_fails_while_it_plays_is_told_and_its_process_ends_with_the_context(
+    double, processes
+):
     broken = DOUBLE.replace("len(message)", '1 / (message == "env")')
-    with double(broken) as (_, ask):
+    with double(f"{broken}\nimport time\ntime.sleep(30)") as (_, ask):
         ask("env")
         with pytest.raises(PeerError, match="gave no answer: ZeroDivisionError"):
             ask("physics")
+    with double(f"{DOUBLE}\nimport time\ntime.sleep(30)"):
+        assert processes[1].poll() is None
+    assert processes[1].returncode == -signal.SIGKILL

@@ -151,6 +151,8 @@ def test_settings_are_the_same_in_another_folder(tiny, songs, monkeypatch):
     assert again.corpus_of(0).names == {str(songs): (str(songs / "b.mid"),)}
     assert again.teacher.name == str(songs.parent / "teacher")
     assert len(held_out_pieces(again)) == 3
+    plain = DistillConfig.from_yaml(tiny, **{"evaluation.duration": None})  # whole pieces
+    assert held_out_pieces(plain)[-1].duration == load_score("TwinkleTwinkle").duration > 10
 
 
 def test_files_that_have_changed_are_told(tiny, songs, tmp_path):
@@ -201,6 +203,10 @@ def test_a_label_is_what_the_teacher_would_do_in_the_state_that_the_played_actio
 def test_the_network_comes_near_the_labels_and_is_judged_on_other_music(whole):
     config = DistillConfig.from_yaml(whole.folder / "config.yml")
     assert not whole.interrupted
+    # Each round begins with new weights, but sees as the first one did.
+    first, second = (model.tensors for model in weights_of(whole.folder))
+    for name, tensor in first.items():
+        assert np.array_equal(tensor, second[name]) == name.startswith("standardize."), name
     observations, labels = rows_of(whole.folder, config)
     assert len(labels) == 2 * whole.rounds[1].transitions
     learner = HandModel.load(whole.folder)  # hand.safetensors
@@ -246,12 +252,7 @@ def test_going_on_after_a_crash_makes_what_was_lost_again_and_nothing_else(
     assert [dataclasses.replace(r, minutes=0) for r in result.rounds] == without_times
 
 
-def test_each_round_begins_with_new_weights_but_sees_as_the_first_one_did(whole):
-    first, second = (model.tensors for model in weights_of(whole.folder))
-    for name, tensor in first.items():
-        assert np.array_equal(tensor, second[name]) == name.startswith("standardize."), name
-
-
+@pytest.mark.slow
 def test_what_cannot_be_played_is_skipped_and_told(tiny, executor, tmp_path):
     file = tmp_path / "no music.mid"
     file.write_bytes(b"MThd nothing else")
@@ -358,6 +359,7 @@ def test_reinforcement_learning_goes_on_from_the_last_round_also_when_interrupte
     assert (run.seed, run.algorithm_kwargs["policy_kwargs"]["net_arch"]["pi"]) == (0, [32])
 
 
+@pytest.mark.slow
 def test_what_came_of_it_plays_as_it_was_judged(improved, executor):
     result = improved[2]
     score = load_score("TwinkleTwinkle").excerpt(0.0, 2.0)
@@ -375,30 +377,22 @@ def test_what_came_of_it_plays_as_it_was_judged(improved, executor):
     assert kept.stat().st_mtime_ns == written
 
 
-def test_settings_of_a_training_without_a_place_for_the_corpus_are_refused_at_once(
-    tiny, few_steps, tmp_path
-):
+def test_settings_of_a_training_that_do_not_fit_are_refused_at_once(tiny, few_steps, tmp_path):
     entry = yaml.safe_load(few_steps.read_text())[GENERAL_ID]
     file = tmp_path / "one piece.yml"
     entry["env_wrapper"] = entry["env_wrapper"][1:]
     file.write_text(yaml.safe_dump({GENERAL_ID: entry}))
-    changes = {"improvements": [{"n_timesteps": 1, "config": str(file)}]}
-    with pytest.raises(ConfigError, match=r"one piece.yml', which has no CorpusExcerpt: expected"):
-        distill(DistillConfig.from_yaml(tiny, **changes), tmp_path / "run")
-
-
-def test_physics_of_a_training_that_do_not_exist_are_refused_at_once(tiny, few_steps, tmp_path):
-    improvement = {"n_timesteps": 1, "config": str(few_steps), "physics": "fats"}
-    config = DistillConfig.from_yaml(tiny, improvements=[improvement])
-    with pytest.raises(ConfigError, match=r"Unknown physics profile 'fats'.*'fast'"):
-        distill(config, tmp_path / "run")
-    assert not list(tmp_path.iterdir())
-
-
-def test_whole_pieces_are_played_without_a_duration(tiny):
-    config = DistillConfig.from_yaml(tiny, **{"evaluation.duration": None})
-    whole = load_score("TwinkleTwinkle")
-    assert held_out_pieces(config)[-1].duration == whole.duration > 10
+    for changes, message in (
+        ({"config": str(file)}, r"one piece.yml', which has no CorpusExcerpt: expected"),
+        (
+            {"config": str(few_steps), "physics": "fats"},
+            r"Unknown physics profile 'fats'.*'fast'",
+        ),
+    ):
+        config = DistillConfig.from_yaml(tiny, improvements=[{"n_timesteps": 1, **changes}])
+        with pytest.raises(ConfigError, match=message):
+            distill(config, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow

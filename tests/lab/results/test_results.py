@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from scipy import stats
 from yaml_rows import Tables
 
 from sb3_piano import threads
@@ -43,16 +42,13 @@ def result(**changes):
     return Result.model_validate_json(json.dumps({**tables["result"], **changes}))
 
 
-def test_each_piece_of_the_repertoire_has_a_result_of_each_player():
-    keys = {r.key for r in RESULTS}
-    for player in ("planned", "sight-reader"):
+def test_each_piece_of_the_repertoire_and_of_the_held_out_list_has_a_result_of_each_player():
+    keys, players = {r.key for r in RESULTS}, ("planned", "sight-reader")
+    for player in players:
         assert {(piece, player, "reference") for piece in REPERTOIRE} <= keys
-
-
-def test_the_held_out_list_has_results_of_both_players_with_its_seeds():
     keys = {(r.piece, r.player, r.seeds) for r in HELD_OUT_RESULTS}
     pieces, seeds = held_out().pieces, held_out().seeds
-    assert keys == {(p, who, seeds) for p in pieces for who in ("planned", "sight-reader")}
+    assert keys == {(piece, player, seeds) for piece in pieces for player in players}
 
 
 def test_results_are_of_the_scores_and_the_network_that_the_package_has():
@@ -64,10 +60,11 @@ def test_results_are_of_the_scores_and_the_network_that_the_package_has():
 
 
 def test_the_commands_of_results_are_ones_that_there_are():
+    parser = parser_of(["results"])
     for found in ALL_RESULTS:
         program, *arguments = shlex.split(found.command)
         assert program == "sb3-piano"
-        given = parser_of().parse_args(arguments)
+        given = parser.parse_args(arguments)
         assert (given.pieces, given.players) == ([found.piece], [found.player])
 
 
@@ -82,11 +79,11 @@ def test_a_digest_changes_with_the_notes_and_not_with_the_title():
 def test_a_result_that_does_not_fit_is_refused(changes, message):
     with pytest.raises(ValidationError, match=message):
         result(**changes)
-
-
-def test_a_file_has_one_result_of_a_piece_a_player_and_a_physics():
     with pytest.raises(ValidationError, match="is there twice"):
         Results(results=(result(), result(f1=[0.1, 0.1])))
+    for scores in ([], [0.5, 0.5], [[]]):
+        with pytest.raises(ValueError, match="expected \\(n_pieces, n_seeds\\)"):
+            aggregate(scores)
 
 
 @tables("now, message")
@@ -188,6 +185,8 @@ def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end_and_seeds_are_o
 
 
 def test_the_interval_over_seeds_is_that_of_scipy_for_stratified_samples():
+    from scipy import stats  # which takes long to be imported
+
     scores = np.random.default_rng(1).beta(4, 2, size=(6, 8))
 
     def statistic(*samples, axis):
@@ -197,12 +196,6 @@ def test_the_interval_over_seeds_is_that_of_scipy_for_stratified_samples():
         tuple(scores), statistic, method="percentile", random_state=np.random.default_rng(2)
     ).confidence_interval
     assert aggregate(scores).over_seeds == pytest.approx((known.low, known.high), abs=0.004)
-
-
-@pytest.mark.parametrize("scores", [[], [0.5, 0.5], [[]]])
-def test_scores_without_pieces_or_seeds_are_refused(scores):
-    with pytest.raises(ValueError, match="expected \\(n_pieces, n_seeds\\)"):
-        aggregate(scores)
 
 
 def test_held_out_studies_are_in_no_corpus_and_generated_pieces_are_always_the_same():
@@ -253,6 +246,10 @@ def test_an_honest_file_holds_and_a_wrong_one_does_not(measured, tmp_path, capsy
     assert "f1: claimed" in out
     assert "onset_f1" not in out
     assert "1 of 2 results that were played again hold, of 2 in the file" in out
+    # Other scores and networks are found before anything is played.
+    other = {"score_sha256": "0" * 64, "player_sha256": "0" * 64}
+    told = checking.check(by_reader.model_copy(update=other)).problems
+    assert [problem.partition(":")[0] for problem in told] == list(other)
 
 
 def moved(found, **by):
@@ -272,14 +269,6 @@ def test_means_may_differ_by_the_tolerance_and_three_standard_errors(monkeypatch
     monkeypatch.setattr(checking, "measure", lambda what: moved(single, f1=-0.01))
     assert checking.check(single, 0.01).holds
     assert not checking.check(single, 0.005).holds
-
-
-@pytest.mark.slow
-def test_other_scores_and_networks_are_found_before_anything_is_played(measured):
-    one = min(Results.read(measured).results, key=lambda r: len(r.player))
-    other = {"score_sha256": "0" * 64, "player_sha256": "0" * 64}
-    told = checking.check(one.model_copy(update=other)).problems
-    assert [problem.partition(":")[0] for problem in told] == list(other)
 
 
 @pytest.mark.slow

@@ -34,5 +34,6 @@ def stop_looking() -> None:
 
 
 if any("multiprocessing.forkserver" in text for text in sys.orig_argv):
+    os.setpgid(0, 0)  # signals of the parent's group are the parent's to handle
     end_with_parent()
     os.register_at_fork(after_in_child=end_with_parent)

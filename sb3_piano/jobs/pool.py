@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
-import multiprocessing.util
 import os
 import pickle
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from multiprocessing import spawn
 from multiprocessing.reduction import ForkingPickler
-from pathlib import Path
 from signal import Signals
 from typing import Any, ParamSpec, TypeVar
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.jobs.cluster import RayExecutor, Resources
-from sb3_piano.jobs.starting import share_temporary_folder
+from sb3_piano.jobs.starting import ONE_THREAD, process_context
+from sb3_piano.jobs.worker import serve
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-_FILE = str(Path(__file__).with_name("worker.py"))
-_PROGRAM = f"import runpy; runpy.run_path({_FILE!r}, run_name='__sb3_piano_worker__')"
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Default environment variables of a worker: one thread per library."""
 
 
 @contextlib.contextmanager
@@ -91,7 +81,6 @@ class _Pool(ThreadPoolExecutor):
     """Executor with one worker process for each thread."""
 
     def __init__(self, workers: int) -> None:
-        share_temporary_folder()
         super().__init__(workers)
         self._own = threading.local()
         self._workers: set[_Worker] = set()
@@ -130,32 +119,21 @@ class _Pool(ThreadPoolExecutor):
             worker.requests.close()  # the worker ends when this pipe closes
         self.shutdown(cancel_futures=True)
         for worker in list(self._workers):
-            worker.process.wait()
+            worker.process.join()
 
 
 class _Worker:
     """Worker process that runs one job at a time."""
 
     def __init__(self) -> None:
-        theirs, self.requests = multiprocessing.Pipe(duplex=False)
-        self._answers, answers = multiprocessing.Pipe(duplex=False)
-        descriptors = (theirs.fileno(), answers.fileno())
-        # A process group of its own: Ctrl-C and a shutdown signal whole groups, and the process
-        # that made the pool handles them.
-        self.process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _PROGRAM, *map(str, descriptors)],
-            stdin=subprocess.DEVNULL,
-            env=_ONE_THREAD | os.environ,
-            pass_fds=descriptors,
-            process_group=0,
-        )
+        context = process_context()
+        theirs, self.requests = context.Pipe(duplex=False)
+        self._answers, answers = context.Pipe(duplex=False)
+        arguments = (theirs, answers, ONE_THREAD | os.environ)
+        self.process = context.Process(target=serve, args=arguments)
+        self.process.start()
         theirs.close()
         answers.close()
-        about = spawn.get_preparation_data(f"worker-{self.process.pid}")
-        about["authkey"] = bytes(about["authkey"])
-        about["temporary_folder"] = multiprocessing.util.get_temp_dir()
-        with contextlib.suppress(OSError):  # it has died, which its first job reports
-            self.requests.send_bytes(pickle.dumps(about))
 
     def call(self, request: bytes) -> Any:
         """Run a job; return whether it raised, and its result or exception."""
@@ -163,7 +141,8 @@ class _Worker:
             self.requests.send_bytes(request)
             answer = self._answers.recv_bytes()
         except (EOFError, OSError) as error:
-            code = self.process.wait()
+            self.process.join()
+            code = self.process.exitcode or 0
             how = (
                 f"ended with status {code}" if code >= 0 else f"was ended by {Signals(-code).name}"
             )

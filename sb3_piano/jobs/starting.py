@@ -1,4 +1,4 @@
-"""Start method of environment processes."""
+"""Start method of worker and environment processes."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import multiprocessing.context
 import multiprocessing.util
 import os
 import sys
+from multiprocessing import forkserver
 from pathlib import Path
-from typing import Literal
 
 from sb3_piano.unfinished import delete_unowned, own
 
-START_METHOD: Literal["forkserver", "spawn"] = (
-    "forkserver" if sys.platform == "linux" else "spawn"  # macOS's libraries are not fork-safe
-)
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Default environment variables of new processes: one thread per library."""
+
 _OURS = ".sb3-piano"
 _LIBRARIES = ("torch", "gymnasium", "stable_baselines3", "sb3_contrib", "scipy.optimize")
 
@@ -26,18 +26,24 @@ def process_context() -> (
     """Return the multiprocessing context for new processes; fork is not safe with threads.
 
     On Linux, processes are forked from a server without threads that has imported the slow
-    libraries once. It starts with the first process and does not see later changes of environment
-    variables. Elsewhere each process is a new interpreter.
+    libraries once, if this process has. It starts with the first process and does not see later
+    changes of environment variables. Elsewhere each process is a new interpreter.
     """
-    share_temporary_folder()
-    if START_METHOD == "spawn":
+    _share_temporary_folder()
+    if sys.platform != "linux":  # macOS's libraries are not fork-safe
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["sb3_piano.orphans", *_LIBRARIES])
+    loaded = [name for name in _LIBRARIES if name in sys.modules]
+    context.set_forkserver_preload(["sb3_piano.orphans", *loaded])
+    added = ONE_THREAD.keys() - os.environ.keys()
+    os.environ.update({name: ONE_THREAD[name] for name in added})
+    forkserver.ensure_running()
+    for name in added:
+        del os.environ[name]
     return context
 
 
-def share_temporary_folder() -> None:
+def _share_temporary_folder() -> None:
     """Make child processes put their sockets into the temporary folder of this process.
 
     A killed child then leaves no folder of its own. This process marks its folder, and if it is

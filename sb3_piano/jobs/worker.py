@@ -1,47 +1,37 @@
-"""Worker process of a pool: it runs the jobs sent by its parent, one after the other.
-
-The pool runs this file before importing the package or any other slow library, so it needs only the
-standard library. From the start a thread watches for the end of the parent, also while a job's
-libraries are being imported.
-"""
+"""Worker process of a pool: it runs the jobs sent by its parent, one after the other."""
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import os
 import pickle
 import queue
 import signal
-import sys
 import threading
 import time
 import traceback
-from multiprocessing import process, spawn
+from collections.abc import Mapping
 from multiprocessing.connection import Connection
-from typing import Any
+
+from sb3_piano.orphans import stop_looking
 
 GRACE = 60.0  # s, time for a training to save a checkpoint
 
 
-def main(requests: int, answers: int) -> None:
+def serve(requests: Connection, answers: Connection, environment: Mapping[str, str]) -> None:
     """Run the jobs from one pipe and send their results through another, until both close."""
+    if hasattr(os, "setpgid"):  # signals of the parent's group are the parent's to handle
+        os.setpgid(0, 0)
+    os.environ.clear()
+    os.environ.update(environment)
     todo: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     ending = threading.Event()
-    for descriptor in (requests, answers):
-        os.set_inheritable(descriptor, False)  # a pipe ends with this process
-    listening = (Connection(requests, writable=False), todo, ending)
-    threading.Thread(target=_listen, args=listening, daemon=True).start()
-    out = Connection(answers, readable=False)
-    _prepare(pickle.loads(todo.get()))
+    threading.Thread(target=_listen, args=(requests, todo, ending), daemon=True).start()
+    stop_looking()
     while not ending.is_set():
         answer = _answer(todo.get())
         with contextlib.suppress(OSError):  # the parent has ended
-            out.send_bytes(answer)
-    atexit._run_exitfuncs()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)  # torch's teardown takes seconds
+            answers.send_bytes(answer)
 
 
 def _listen(requests: Connection, todo: queue.SimpleQueue[bytes], ending: threading.Event) -> None:
@@ -59,17 +49,6 @@ def _listen(requests: Connection, todo: queue.SimpleQueue[bytes], ending: thread
     os._exit(1)
 
 
-def _prepare(parent: dict[str, Any]) -> None:
-    """Adopt the import paths and main module of the parent, as ``multiprocessing`` does."""
-    current: Any = process.current_process()
-    current._config["tempdir"] = parent.pop("temporary_folder")
-    current._inheriting = True  # a script without a main guard is refused and starts no workers
-    try:
-        spawn.prepare(parent)
-    finally:
-        del current._inheriting
-
-
 def _answer(request: bytes) -> bytes:
     """Call a function; return, pickled, whether it raised, and its result or exception."""
     try:
@@ -83,7 +62,3 @@ def _answer(request: bytes) -> bytes:
         except Exception:
             answer = pickle.dumps((True, RuntimeError(traceback.format_exc())))
         return answer
-
-
-if __name__ == "__sb3_piano_worker__":
-    main(*map(int, sys.argv[1:]))

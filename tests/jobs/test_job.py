@@ -35,11 +35,11 @@ def is_alive(pid):
         return False
 
 
-def children(pid):
-    """Return the processes that one has started."""
-    return {
-        int(n) for f in Path(f"/proc/{pid}/task").glob("*/children") for n in f.read_text().split()
-    }
+def descendants(pid):
+    """Return the processes that one has started, and those that they have."""
+    texts = (file.read_text() for file in Path(f"/proc/{pid}/task").glob("*/children"))
+    own = {int(number) for text in texts for number in text.split()}
+    return own.union(*map(descendants, own))
 
 
 @pytest.fixture
@@ -82,16 +82,17 @@ def test_whatever_ends_a_program_the_same_one_does_the_rest(
 ):
     process = program()
     if moment == "starts":  # processes, which import nothing yet
-        wait_for(lambda: len(children(process.pid)) == 2, process)
+        wait_for(lambda: len(descendants(process.pid)) == 2, process)
     else:
         wait_for((tmp_path / "a" / "saved").exists, process)
         wait_for((tmp_path / "b" / "saved").exists, process)
-    workers = children(process.pid)
-    os.kill({"parent": process.pid, "group": -process.pid}.get(whom, min(workers)), number)
+    started = descendants(process.pid)
+    victim = {"parent": process.pid, "group": -process.pid}.get(whom) or log(tmp_path)[0][2]
+    os.kill(victim, number)
     out, err = process.communicate(timeout=DEADLINE)
     assert process.returncode == status_then, err
     assert "Traceback" not in err
-    wait_for(lambda: not any(map(is_alive, workers)))
+    wait_for(lambda: not any(map(is_alive, started)))
     kept = {job.name for job in jobs_in(tmp_path) if job.result() is not None}
     before = len(log(tmp_path))
     if whom == "worker":  # the others, and what does not need its job, went on

@@ -1,7 +1,7 @@
 """End processes whose parent is killed while they import or make environments.
 
 The server that forks processes imports this module first, see
-:func:`~sb3_piano.jobs.starting.process_context`. It uses a timer, since threads and forks do not go
+:func:`~sb3_piano.jobs.pool.process_context`. It uses a timer, since threads and forks do not go
 together.
 """
 
@@ -34,5 +34,6 @@ def stop_looking() -> None:
 
 
 if any("multiprocessing.forkserver" in text for text in sys.orig_argv):
+    os.setpgid(0, 0)  # signals of the parent's group are the parent's to handle
     end_with_parent()
     os.register_at_fork(after_in_child=end_with_parent)

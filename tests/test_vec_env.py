@@ -284,18 +284,3 @@ def test_a_process_that_was_killed_is_named_at_any_call(venvs):
     for call in calls:
         with pytest.raises(RunError, match="Process 1 of the environments .* exit code -9"):
             call()
-
-
-SHARING = """
-import multiprocessing, os, tempfile
-place = tempfile.mkdtemp(dir=".")
-multiprocessing.current_process()._config["tempdir"] = place  # as if its parent had made it
-from sb3_piano.jobs.starting import process_context
-process_context()
-print(os.listdir(place))
-"""
-
-
-def test_the_temporary_folder_of_the_program_that_started_this_one_stays_that_programs(tmp_path):
-    done = run_python(["-c", SHARING], tmp_path)
-    assert (done.stdout, done.stderr) == ("[]\n", "")

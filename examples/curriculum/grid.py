@@ -114,6 +114,7 @@ def practised(practice: Practice) -> tuple[int, Path]:
         KeyboardInterrupt: If it was interrupted; the next call goes on.
     """
     curriculum = load_curriculum(HERE / "practice.yml")
+    curriculum = dataclasses.replace(curriculum, seed=practice.seed)
     if practice.steps is not None:
         changed = {"n_timesteps": practice.steps}
         stages = [
@@ -122,7 +123,7 @@ def practised(practice: Practice) -> tuple[int, Path]:
         ]
         curriculum = dataclasses.replace(curriculum, stages=tuple(stages))
     folder = practice.runs / f"practice_seed_{practice.seed}"
-    result = run_curriculum(curriculum, folder, seed=practice.seed, progress_bar=False)
+    result = run_curriculum(curriculum, folder, progress_bar=False)
     if result.interrupted:
         raise KeyboardInterrupt
     return practice.seed, result.runs[-1].job.folder

@@ -68,10 +68,11 @@ def trained(chain: Chain) -> tuple[str, Metrics]:
     first = dataclasses.replace(first, settings=settings, with_entropy=chain.start is None)
     curriculum = dataclasses.replace(
         curriculum,
+        seed=chain.seed,
         stages=tuple(dataclasses.replace(first, piece=piece) for piece in chain.pieces),
         init_from=None if chain.start is None else str(chain.start),
     )
-    result = run_curriculum(curriculum, chain.folder, seed=chain.seed, progress_bar=False)
+    result = run_curriculum(curriculum, chain.folder, progress_bar=False)
     if result.interrupted:
         raise KeyboardInterrupt
     found: Metrics = {}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,20 +64,22 @@ def _curriculum(arguments: argparse.Namespace) -> int:
         refuse_options(arguments, ("run", "runs_dir", "seed"), reason, "Expected --resume alone.")
     runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir
     curriculum = load_curriculum(folder if arguments.file is None else arguments.file)
+    place = Path(folder or Path(runs_dir, "curricula", curriculum.name))
     if arguments.status:
-        place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)
         _show(status(curriculum_jobs(place, load_curriculum(place))))
         return EXIT_OK
     number = {name: n for n, name in enumerate(curriculum.run_names, start=1)}
+    trained = []
 
     def tell(stage: Job) -> None:
+        trained.append(stage.name)
         print(f"[{number[stage.name]}/{len(number)}] {stage.name}", flush=True)
 
-    result = run_curriculum(
-        curriculum, folder, runs_dir=runs_dir, seed=arguments.seed, on_stage=tell, **options
-    )
+    if arguments.seed is not None:
+        curriculum = dataclasses.replace(curriculum, seed=arguments.seed)
+    result = run_curriculum(curriculum, place, on_stage=tell, **options)
     last = str(result.folder / curriculum.run_names[-1])
-    _report(result, last)
+    _report(result, last, bool(trained))
     if result.interrupted:
         return EXIT_INTERRUPTED
     if arguments.evaluate:
@@ -83,15 +87,14 @@ def _curriculum(arguments: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _report(result: Trained, last: str) -> None:
-    from sb3_piano.pipelines.curriculum import resume_command
-
+def _report(result: Trained, last: str, has_trained: bool) -> None:
     _show(result.runs)
     print(f"Folder:   {result.folder}")
     if result.interrupted:
-        print(f"Go on:    {resume_command(result.folder)}")
+        resume = f"sb3-piano curriculum --resume {shlex.quote(str(result.folder))}"
+        print(f"Go on:    {resume}")
         return
-    if result.had_finished:
+    if not has_trained:
         print("All stages had ended: nothing was left to do. Once more: with another --run FOLDER")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(last)}")
 
@@ -101,8 +104,8 @@ def _show(stages: Sequence[Outcome]) -> None:
     for stage in stages:
         job: Any = stage.job
         result = stage.result or {}
-        evaluations = job.evaluations(result.get("num_timesteps"))
-        metrics = evaluations[-1].metrics if evaluations else {}
+        evaluations = job.evaluations(result.get("num_timesteps", math.inf)).values()
+        metrics = [{}, *evaluations][-1]
         last = [rounded(n, metrics[n]) if n in metrics else _NOTHING for n in _METRICS]
         steps = str(job.progress()[0] or _NOTHING)
         add_row(table, job.name, result.get("ended_by", _NOTHING), steps, *last)

@@ -122,7 +122,7 @@ def _default_name(arguments: argparse.Namespace, config: StudyConfig) -> str:
 def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace) -> None:
     from sb3_piano.tuning.report import commands_of
     from sb3_piano.tuning.storage import shown_url
-    from sb3_piano.tuning.trials import failure_of, preset_trial, summary
+    from sb3_piano.tuning.study import failure_of, preset_trial, summary
 
     folder, label = result.folder, config.value_name
     print(f"Study:      {folder.path}, {summary(result.trials, label)}")
@@ -143,5 +143,5 @@ def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace
     if result.interrupted:
         print("Interrupted: the same command goes on.")
     elif result.best is not None:
-        for name, command in commands_of(result.study, config, folder).items():
+        for name, command in commands_of(result.best, config, folder).items():
             print(f"{name + ':':<11} {command}")

@@ -9,12 +9,11 @@ import socket
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import field
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from sb3_piano.exceptions import ConfigError, MissingPackageError, install_command, one_line
 from sb3_piano.settings import Index, NotNegative, settings
 
-P = ParamSpec("P")
 T = TypeVar("T")
 
 _GRACE = 60.0  # s, time for jobs to end after Ctrl-C before their processes are killed
@@ -76,7 +75,7 @@ class RayExecutor(Executor):
         self._task = self._ray.remote(_call).options(**resources.options())
         self._references: dict[Future[Any], Any] = {}
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Submit a task.
 
         The future raises the task's own exception, or ``BrokenExecutor`` if its process died and no
@@ -87,21 +86,16 @@ class RayExecutor(Executor):
         reference.future().add_done_callback(lambda ended: self._pass_on(ended, future))
         return future
 
-    def end(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Cancel the unfinished tasks and wait until all have ended."""
-        references = list(self._references.values())
-        for reference in references:
-            self._ray.cancel(reference)
-        for reference in self._unfinished(references, _GRACE):
-            self._ray.cancel(reference, force=True)
-        self._unfinished(references, None)
+        left = list(self._references.values())
+        for force, seconds in ((False, _GRACE), (True, None)):
+            for reference in left:
+                self._ray.cancel(reference, force=force)
+            options = {"num_returns": len(left), "timeout": seconds, "fetch_local": False}
+            left = self._ray.wait(left, **options)[1] if left else []
         if self._is_ours:
             self._ray.shutdown()
-
-    def _unfinished(self, references: list[Any], seconds: float | None) -> Any:
-        """Wait for tasks up to a timeout; return the unfinished ones."""
-        options = {"num_returns": len(references), "timeout": seconds, "fetch_local": False}
-        return self._ray.wait(references, **options)[1] if references else []
 
     def _pass_on(self, ended: Future[Any], future: Future[Any]) -> None:
         self._references.pop(future, None)

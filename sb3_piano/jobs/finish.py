@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.interrupts import StopRequest, stop_on_signal
-from sb3_piano.jobs.cluster import Resources
 from sb3_piano.jobs.job import Job, Outcome, status
 from sb3_piano.jobs.pool import open_executor
 
@@ -24,13 +23,11 @@ def finish(
     jobs: Sequence[Job],
     executor: Executor | None = None,
     *,
-    workers: int | None = None,
-    ray: str | None = None,
-    resources: Resources = Resources(),  # noqa: B008 - frozen
     known: Sequence[Outcome] | None = None,
     on_begin: Callable[[Job], object] = lambda job: None,
     on_outcome: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
     go_on: str = _AGAIN,
+    **where: Any,
 ) -> list[Outcome]:
     """Run all unfinished jobs; return the outcome of each, in their order.
 
@@ -41,19 +38,17 @@ def finish(
     Args:
         jobs: Jobs with unique names; each comes after the jobs it needs.
         executor: Executor that sees the jobs' folders by the same paths; by default one is opened
-            with ``workers``, ``ray`` and ``resources``, see :func:`~sb3_piano.jobs.open_executor`.
-        workers: Processes on this machine.
-        ray: Address of a Ray cluster.
-        resources: Resources of a job on a cluster.
+            with ``where``.
         known: Result of :func:`~sb3_piano.jobs.status` for the jobs, if known already.
         on_begin: Called with each job before the executor gets it.
         on_outcome: Called with the outcome of each job that was not finished before, the number of
             ended jobs and the number of all jobs.
         go_on: How to resume, for the message about a dead worker.
+        **where: ``workers``, ``ray`` and ``resources`` of :func:`~sb3_piano.jobs.open_executor`.
 
     Raises:
-        ConfigError: If a job needs one that is not before it, a name repeats, ``workers`` is out of
-            range, or the cluster cannot be reached.
+        ConfigError: If a job needs one that is not before it, a name repeats, or as of
+            :func:`~sb3_piano.jobs.open_executor`.
         KeyboardInterrupt: If it was interrupted.
         RunError: If a folder was started with other settings.
     """
@@ -66,7 +61,7 @@ def finish(
         outcomes[outcome.job.name] = outcome
         on_outcome(outcome, len(jobs) - len(left) - len(running), len(jobs))
 
-    chosen = open_executor(workers, ray, resources) if executor is None else nullcontext(executor)
+    chosen = open_executor(**where) if executor is None else nullcontext(executor)
     with stop_on_signal() as request, chosen as opened:
         try:
             while left or running:

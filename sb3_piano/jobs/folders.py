@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +14,12 @@ from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX
 from sb3_piano.unfinished import PARTIAL_SUFFIX
 
-SETTINGS = "job.yml"
-"""Name of the file of a job's settings."""
-
-PROVENANCE = "run.yml"
-"""Name of the file with a folder's provenance."""
+SETTINGS, PROVENANCE = "job.yml", "run.yml"
+"""Names of the files of a job's settings, and of a folder's provenance."""
 
 
 def shared_folder(folder: str | os.PathLike[str]) -> Path:
-    """Return the absolute path of a folder; from now on refuse writes through links out of it.
-
-    Raises:
-        ConfigError: If it is a URL.
-    """
+    """Return the absolute path of a folder; from now on refuse writes through links out of it."""
     if "://" in os.fspath(folder):
         raise ConfigError(
             f"The folder is {os.fspath(folder)!r}: expected a path of a file system that all "
@@ -38,11 +32,8 @@ def shared_folder(folder: str | os.PathLike[str]) -> Path:
 
 def is_empty(place: Path) -> bool:
     """Return whether a folder has at most the leftovers of a process killed at its start."""
-    names = {found.name for found in place.iterdir()} - {PROVENANCE, SETTINGS}
-    return all(
-        name.endswith(PARTIAL_SUFFIX) or (name[0] == "." and name.endswith(LOCK_SUFFIX))
-        for name in names
-    )
+    left = (PROVENANCE, SETTINGS, f"*{PARTIAL_SUFFIX}", LOCK_SUFFIX, f".*{LOCK_SUFFIX}")
+    return all(any(fnmatch(found.name, name) for name in left) for found in place.iterdir())
 
 
 def begin_or_resume(
@@ -52,17 +43,10 @@ def begin_or_resume(
     theirs: Mapping[str, Any] | None = None,
     notes: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write settings into a new folder, or compare them with those already there.
+    """Write our settings and notes on provenance into a new folder, or compare with those there.
 
-    Args:
-        file: The file of the settings.
-        what: Kind of the work in messages, such as ``corpus``.
-        ours: The settings.
-        theirs: Settings in the file; by default they are read.
-        notes: Provenance to write into a new folder.
-
-    Raises:
-        RunError: If the settings differ, or the folder is not empty or cannot be written.
+    ``theirs`` are the settings in the file; by default they are read. A ``RunError``, which calls
+    the work ``what``, says that they differ, or that the folder is not empty or not writable.
     """
     place = file.parent
     try:
@@ -81,11 +65,7 @@ def begin_or_resume(
 
 
 def check_same(theirs: Any, ours: Any, what: str) -> None:
-    """Check that settings equal those with which the work was started.
-
-    Raises:
-        RunError: If they differ; the message names the first difference.
-    """
+    """Raise ``RunError`` with the first difference unless settings are as when the work began."""
     found = _difference("", theirs, load_yaml(dump_yaml(ours)))
     if found is not None:
         raise RunError(f"{what} has {found}: expected the same settings, or another folder.")

@@ -6,9 +6,9 @@ import shutil
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-from sb3_piano.exceptions import SB3PianoError, one_line
+from sb3_piano.exceptions import SB3PianoError, no_memory, one_line
 from sb3_piano.files import read_json, write_json
 from sb3_piano.jobs.folders import SETTINGS, begin_or_resume, is_empty
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -25,9 +25,6 @@ class Job:
     done. A subclass may use other files, and may report its progress.
     """
 
-    kind: ClassVar[str] = "job"
-    """Word for the job in messages."""
-
     name: str
     """Name, unique among the jobs of a call."""
     folder: Path
@@ -39,8 +36,6 @@ class Job:
     """Settings in YAML types; a folder with other settings is refused."""
     needs: tuple[str, ...] = ()
     """Names of the jobs that must finish first."""
-    options: Mapping[str, Any] = field(default_factory=dict)
-    """Options that may change between calls, such as how often to save."""
 
     @property
     def settings_file(self) -> Path:
@@ -57,21 +52,13 @@ class Job:
         return self.folder / "result.json"
 
     def result(self) -> Mapping[str, Any] | None:
-        """Return the result, or ``None`` if the job is not finished.
-
-        Raises:
-            RunError: If the file is damaged.
-        """
+        """Return the result, or ``None`` if the job is not finished; refuse a damaged file."""
         return read_json(self.result_file, dict[str, Any], "delete it, and it is made again.")
 
     def begin(self) -> None:
-        """Write the settings, if any, into a new folder, or compare them with those there.
-
-        Raises:
-            RunError: If they differ, or the folder has other files.
-        """
+        """Write the settings, if any, into a new folder; refuse other settings or other files."""
         if self.settings:
-            begin_or_resume(self.settings_file, f"{self.kind} {self.name!r}", self.settings)
+            begin_or_resume(self.settings_file, f"job {self.name!r}", self.settings)
 
     def progress(self) -> tuple[int, int] | None:
         """Return the amounts done and in total, also of a running job; ``None`` if unknown."""
@@ -106,9 +93,7 @@ class Outcome:
     @property
     def reason(self) -> str:
         """One-line reason of a failure; empty if it did not fail."""
-        if self.error is None or isinstance(self.error, SB3PianoError):
-            return str(self.error or "")
-        return f"{type(self.error).__name__}: {one_line(self.error)}"
+        return "" if self.error is None else reason_of(self.error)
 
     @property
     def state(self) -> str:
@@ -121,6 +106,14 @@ class Outcome:
         if done is not None and done[0]:
             return f"{done[0]} of {done[1]} steps"
         return "begun" if self.job.has_begun() else "not begun"
+
+
+def reason_of(error: Exception) -> str:
+    """Return the reason of a failure in one line."""
+    reason = one_line(error)
+    if not isinstance(error, SB3PianoError) and str(error):
+        reason = f"{type(error).__name__}: {reason}"
+    return f"out of memory: {reason}" if no_memory(error) else reason
 
 
 def status(jobs: Iterable[Job]) -> list[Outcome]:

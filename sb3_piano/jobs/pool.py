@@ -1,44 +1,44 @@
-"""Process pools: each process runs one job at a time and ends with its parent."""
+"""Worker processes: each runs one job at a time and ends with its parent."""
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import multiprocessing.util
+import multiprocessing.context
 import os
 import pickle
-import subprocess
+import queue
 import sys
 import threading
-from collections.abc import Callable, Iterator
+import time
+import traceback
+from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from multiprocessing import spawn
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
-from pathlib import Path
-from signal import Signals
-from typing import Any, ParamSpec, TypeVar
+from signal import SIGTERM, Signals
+from typing import Any, TypeVar
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.jobs.cluster import RayExecutor, Resources
-from sb3_piano.jobs.starting import share_temporary_folder
+from sb3_piano.orphans import stop_looking
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
-P = ParamSpec("P")
 T = TypeVar("T")
 
-_FILE = str(Path(__file__).with_name("worker.py"))
-_PROGRAM = f"import runpy; runpy.run_path({_FILE!r}, run_name='__sb3_piano_worker__')"
+_GRACE = 60.0  # s, time for a training to save a checkpoint
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Default environment variables of a worker: one thread per library."""
+"""Default environment variables of new processes: one thread per library."""
+_LIBRARIES = ("torch", "gymnasium", "stable_baselines3", "sb3_contrib", "scipy.optimize")
 
 
-@contextlib.contextmanager
 def open_executor(
     workers: int | None = None,
     ray: str | None = None,
     resources: Resources = Resources(),  # noqa: B008 - frozen
-) -> Iterator[Executor]:
+) -> Executor:
     """Open an executor of worker processes, or of a Ray cluster, for the length of a block.
 
     Worker processes end with the block or with this process. If one dies, its job raises
@@ -66,18 +66,13 @@ def open_executor(
             f"workers is {workers} with ray {ray!r}: expected one of them. On a cluster, the "
             "resources of the jobs decide how many run at once."
         )
-    executor: _Pool | RayExecutor
-    executor = _Pool(workers or usable_cores()) if ray is None else RayExecutor(ray, resources)
-    try:
-        yield executor
-    finally:
-        executor.end()
+    return _Pool(workers or usable_cores()) if ray is None else RayExecutor(ray, resources)
 
 
 class Here(Executor):
     """Executor that runs each job in the calling thread on submission."""
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Call a function; return its result as a future."""
         future: Future[T] = Future()
         try:
@@ -91,38 +86,32 @@ class _Pool(ThreadPoolExecutor):
     """Executor with one worker process for each thread."""
 
     def __init__(self, workers: int) -> None:
-        share_temporary_folder()
         super().__init__(workers)
         self._own = threading.local()
         self._workers: set[_Worker] = set()
         self._ended = False
         self._lock = threading.Lock()
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Call a function in a worker process; return its result as a future."""
         return super().submit(self._call, fn, args, kwargs)
 
     def _call(self, fn: Callable[..., Any], args: Any, kwargs: Any) -> Any:
-        request = bytes(ForkingPickler.dumps((fn, args, kwargs)))
         worker = getattr(self._own, "worker", None)
         if worker is None:
             with self._lock:
                 if self._ended:
                     raise KeyboardInterrupt
-                worker = _Worker()
+                self._own.worker = worker = _Worker()
                 self._workers.add(worker)
-            self._own.worker = worker
         try:
-            failed, found = worker.call(request)
+            return worker.call(bytes(ForkingPickler.dumps((fn, args, kwargs))))
         except BrokenExecutor:
             self._own.worker = None
             self._workers.discard(worker)
             raise
-        if failed:
-            raise found
-        return found
 
-    def end(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """End all worker processes and wait for them."""
         with self._lock:
             self._ended = True
@@ -130,42 +119,101 @@ class _Pool(ThreadPoolExecutor):
             worker.requests.close()  # the worker ends when this pipe closes
         self.shutdown(cancel_futures=True)
         for worker in list(self._workers):
-            worker.process.wait()
+            worker.process.join()
 
 
 class _Worker:
     """Worker process that runs one job at a time."""
 
     def __init__(self) -> None:
-        theirs, self.requests = multiprocessing.Pipe(duplex=False)
-        self._answers, answers = multiprocessing.Pipe(duplex=False)
-        descriptors = (theirs.fileno(), answers.fileno())
-        # A process group of its own: Ctrl-C and a shutdown signal whole groups, and the process
-        # that made the pool handles them.
-        self.process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _PROGRAM, *map(str, descriptors)],
-            stdin=subprocess.DEVNULL,
-            env=_ONE_THREAD | os.environ,
-            pass_fds=descriptors,
-            process_group=0,
-        )
+        context = process_context()
+        theirs, self.requests = context.Pipe(duplex=False)
+        self._answers, answers = context.Pipe(duplex=False)
+        arguments = (theirs, answers, _ONE_THREAD | os.environ)
+        self.process = context.Process(target=_serve, args=arguments)
+        self.process.start()
         theirs.close()
         answers.close()
-        about = spawn.get_preparation_data(f"worker-{self.process.pid}")
-        about["authkey"] = bytes(about["authkey"])
-        about["temporary_folder"] = multiprocessing.util.get_temp_dir()
-        with contextlib.suppress(OSError):  # it has died, which its first job reports
-            self.requests.send_bytes(pickle.dumps(about))
 
     def call(self, request: bytes) -> Any:
-        """Run a job; return whether it raised, and its result or exception."""
+        """Run a job; return its result, or raise its exception."""
         try:
             self.requests.send_bytes(request)
             answer = self._answers.recv_bytes()
         except (EOFError, OSError) as error:
-            code = self.process.wait()
-            how = (
-                f"ended with status {code}" if code >= 0 else f"was ended by {Signals(-code).name}"
-            )
+            self.process.join()
+            code = self.process.exitcode or 0
+            how = f"was ended by {Signals(-code).name}" if code < 0 else f"ended with status {code}"
             raise BrokenExecutor(f"process {self.process.pid} {how}.") from error
-        return pickle.loads(answer)
+        failed, found = pickle.loads(answer)
+        if failed:
+            raise found
+        return found
+
+
+def _serve(requests: Connection, answers: Connection, environment: Mapping[str, str]) -> None:
+    """Run the jobs from one pipe and send their results through another, until both close."""
+    if hasattr(os, "setpgid"):  # signals of the parent's group are the parent's to handle
+        os.setpgid(0, 0)
+    os.environ.clear()
+    os.environ.update(environment)
+    todo: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    ending = threading.Event()
+    threading.Thread(target=_listen, args=(requests, todo, ending), daemon=True).start()
+    stop_looking()
+    while not ending.is_set():
+        answer = _answer(todo.get())
+        with contextlib.suppress(OSError):  # the parent has ended
+            answers.send_bytes(answer)
+
+
+def _listen(requests: Connection, todo: queue.SimpleQueue[bytes], ending: threading.Event) -> None:
+    """Receive requests; end this process when the pool ends or its process was killed.
+
+    A training saves a checkpoint first, see :func:`~sb3_piano.interrupts.stop_on_signal`; any other
+    job ends at once.
+    """
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            todo.put(requests.recv_bytes())
+    ending.set()
+    os.kill(os.getpid(), SIGTERM)
+    time.sleep(_GRACE)
+    os._exit(1)
+
+
+def _answer(request: bytes) -> bytes:
+    """Call a function; return, pickled, whether it raised, and its result or exception."""
+    try:
+        function, arguments, options = pickle.loads(request)
+        return pickle.dumps((False, function(*arguments, **options)))
+    except BaseException as error:
+        error.add_note(f"In a worker:\n{traceback.format_exc()}")
+        try:
+            answer = pickle.dumps((True, error))
+            pickle.loads(answer)  # many exceptions can be pickled but not unpickled
+        except Exception:
+            answer = pickle.dumps((True, RuntimeError(traceback.format_exc())))
+        return answer
+
+
+def process_context() -> (
+    multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext
+):
+    """Return the multiprocessing context for new processes; fork is not safe with threads.
+
+    On Linux, processes are forked from a server without threads that has imported the slow
+    libraries once, if this process has. It starts with the first process and does not see later
+    changes of environment variables. Elsewhere each process is a new interpreter.
+    """
+    if sys.platform != "linux":  # macOS's libraries are not fork-safe
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    loaded = [name for name in _LIBRARIES if name in sys.modules]
+    context.set_forkserver_preload(["sb3_piano.orphans", *loaded])
+    added = _ONE_THREAD.keys() - os.environ.keys()
+    os.environ.update({name: _ONE_THREAD[name] for name in added})
+    forkserver.ensure_running()
+    for name in added:
+        del os.environ[name]
+    return context

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import gymnasium as gym
 import numpy as np
@@ -46,34 +46,13 @@ from sb3_piano.training.playing.recording import player_to_record
 from sb3_piano.training.runs.provenance import provenance
 
 Env = gym.Env[Any, Any]
-
-
-DEFAULT_NOISE = (0.0, 0.03, 0.06, 0.1)
-"""Standard deviations of the action noise, rad, chosen so that recoveries are recorded."""
-
-
-class Performance(NamedTuple):
-    """Piece, player, noise and seed of one performance."""
-
-    score: Score
-    piece: str
-    """Name or file of the piece."""
-    player: str
-    """Spec of the player, as in the settings."""
-    noise: float
-    """Standard deviation of the noise, rad."""
-    seed: int
-    """Seed of the environment, the player and the noise."""
+_Noise = Annotated[tuple[Annotated[Number, Ge(0), Unit("rad")], ...], MinLen(1), Listed]
 
 
 def _pieces(value: Any) -> tuple[str, ...]:
     found = select_pieces(value)
-    for piece in found:
-        if isinstance(piece, Score):
-            raise ConfigError(
-                f"pieces has {piece.title!r} as a score: expected its name or file, which other "
-                "processes can find."
-            )
+    if any(isinstance(piece, Score) for piece in found):
+        raise ConfigError("pieces has a score: expected a name or file, found by other processes.")
     return tuple(map(str, found))
 
 
@@ -95,9 +74,7 @@ class CorpusConfig:
     """Length of an excerpt, s, from a randomly drawn note on; by default whole pieces."""
     episodes: Count = 4
     """Performances of each excerpt by each player."""
-    noise: Annotated[tuple[Annotated[Number, Ge(0), Unit("rad")], ...], MinLen(1), Listed] = (
-        DEFAULT_NOISE
-    )
+    noise: _Noise = (0.0, 0.03, 0.06, 0.1)  # chosen so that recoveries are recorded
     """Standard deviations of the noise on the actions, rad; an excerpt's performances take
     turns."""
     noise_memory: Annotated[NotNegative, Unit("s")] = DEFAULT_MEMORY
@@ -123,16 +100,11 @@ class CorpusConfig:
         n_excerpts = len(self.pieces) if self.excerpts is None else self.excerpts
         return n_excerpts * len(self.players) * self.episodes
 
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the settings in YAML types, from which the class can be created again."""
-        found: dict[str, Any] = plain(dataclasses.asdict(self), "corpus")
-        return found
+    def performance(self, number: int) -> tuple[Score, dict[str, Any]]:
+        """Compute what a numbered performance plays, and its facts.
 
-    def performance(self, number: int) -> Performance:
-        """Compute piece, player, noise and seed of a numbered performance.
-
-        Raises:
-            ScoreError: If the piece cannot be read.
+        These are its ``piece`` (name or file) and title, ``player`` (a spec), ``noise`` (standard
+        deviation, rad), and the ``seed`` of the environment, the player and the noise.
         """
         rest, turn = divmod(number, self.episodes)
         excerpt, player = divmod(rest, len(self.players))
@@ -144,22 +116,19 @@ class CorpusConfig:
             start = float(random.choice(sorted({n.onset for n in score.notes if n.onset <= last})))
             part = score.excerpt(start, start + self.seconds)
             score = dataclasses.replace(part, title=f"{score.title} from {start:.2f} s")
-        return Performance(
-            score=score,
-            piece=piece,
-            player=self.players[player],
-            noise=self.noise[turn % len(self.noise)],
-            seed=int(np.random.SeedSequence((self.seed, number)).generate_state(1)[0]),
-        )
+        seed = float(np.random.SeedSequence((self.seed, number)).generate_state(1)[0])
+        facts = {"performance": float(number), "seed": seed, "piece": piece, "title": score.title}
+        noise = self.noise[turn % len(self.noise)]
+        return score, {**facts, "player": self.players[player], "noise": noise}
 
 
 def record_corpus(
     config: CorpusConfig,
     folder: str | os.PathLike[str],
     *,
-    executor: Executor | None = None,
-    workers: int | None = None,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
+    executor: Executor | None = None,
+    **where: Any,
 ) -> RecordedCorpus | None:
     """Record a corpus, or resume its recording; return ``None`` if it was interrupted.
 
@@ -177,10 +146,10 @@ def record_corpus(
     Args:
         config: Settings of the corpus.
         folder: Output folder: new, empty, or with a part of the same corpus.
-        executor: Executor that sees folder and files by the same paths; by default a pool of
-            ``workers`` processes, see :func:`~sb3_piano.jobs.open_executor`.
-        workers: Processes of that pool.
         on_progress: Called with the number of finished performances and the number of all.
+        executor: Executor that sees folder and files by the same paths; by default one is opened
+            with ``where``.
+        **where: Options of :func:`~sb3_piano.jobs.open_executor`.
 
     Raises:
         ConfigError: If a setting is not valid, or a player cannot play.
@@ -193,7 +162,7 @@ def record_corpus(
     busy = f"'{place}' is being worked in"
     with hold(place / LOCK_SUFFIX, busy, "one recording in a folder."), stop_on_signal():
         inputs = _inputs(config)
-        settings = {**config.to_mapping(), "files": inputs}
+        settings = {**plain(dataclasses.asdict(config), "corpus"), "files": inputs}
         begin_or_resume(place / CONFIG, "corpus", settings, notes=provenance(config.seed))
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
@@ -204,7 +173,7 @@ def record_corpus(
         again = f"give the same command again, for {shlex.quote(str(place))}"
         jobs = corpus_jobs(config, place, inputs)
         try:
-            made = datasets.make_missing(executor, jobs, tell, workers=workers, go_on=again)
+            made = datasets.make_missing(executor, jobs, tell, go_on=again, **where)
         except KeyboardInterrupt:
             return None
         if not any(shard.steps for shard in made):
@@ -221,7 +190,7 @@ def corpus_jobs(
 ) -> list[datasets.ShardJob]:
     """List the jobs of a corpus; ``inputs`` are checksums of the files that determine it."""
     inputs = _inputs(config) if inputs is None else inputs
-    settings, size = config.to_mapping(), config.shard
+    settings, size = plain(dataclasses.asdict(config), "corpus"), config.shard
     about = {name: value for name, value in settings.items() if name != "pieces"}
     jobs = []
     for number in range(-(-len(config) // size)):
@@ -244,25 +213,18 @@ def _playing(config: CorpusConfig) -> Iterator[tuple[Env, datasets.Play]]:
         players = {n: opened.enter_context(open_player(config, n)) for n in config.players}
 
         def play(number: int) -> Any:
-            what = config.performance(number)
-            player, env = players[what.player]
-            noise = ActuatorNoise(env, what.noise, config.noise_memory) if what.noise else None
-            episode, notes = play_episode(player, env, what.seed, noise, {"score": what.score})
-            facts = {"performance": float(number), "seed": float(what.seed)}
-            names = {"piece": what.piece, "title": what.score.title, "player": what.player}
-            return episode, {**facts, **names, "noise": what.noise, **notes}
+            score, facts = config.performance(number)
+            (player, env), std = players[facts["player"]], facts["noise"]
+            noise = ActuatorNoise(env, std, config.noise_memory) if std else None
+            episode, notes = play_episode(player, env, int(facts["seed"]), noise, {"score": score})
+            return episode, {**facts, **notes}
 
         yield players[config.players[0]][1], play
 
 
 @contextlib.contextmanager
 def open_player(config: CorpusConfig, name: str) -> Iterator[tuple[Player, Env]]:
-    """Open a player and its environment for the length of a block.
-
-    Raises:
-        ConfigError: If the player cannot play there.
-        RunError: If a run cannot be loaded.
-    """
+    """Open a player and its environment for the length of a block, if the player can play there."""
     spec = PlayerSpec.parse(name)
     if spec.name == "sampling":  # on one core, as each process has
         spec = dataclasses.replace(spec, arguments={"n_threads": 1, **spec.arguments})

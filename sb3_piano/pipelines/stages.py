@@ -45,7 +45,7 @@ _EXAMPLE = "{piece: hanon-01}"
 _PLAYED = ("piece", "pieces", "env")
 _OTHERS = ("eval_freq", "patience")
 # Settings that a stage's run gets from elsewhere, or sets itself.
-_NOT_OF_STAGES = {"algo", "env_id", "env_module", "algorithm_kwargs", "seed"}
+_NOT_OF_STAGES = {"algo", "env_id", "env_module", "algorithm_kwargs", "seed", "settings"}
 _NOT_OF_STAGES |= {"action_noise", "tensorboard_log"}
 
 
@@ -59,8 +59,7 @@ def _condition(value: Any) -> Any:
     return Condition(thresholds=least, **others)
 
 
-_folder: ContextVar[str] = ContextVar("_folder", default="")
-"""Folder to which relative paths refer."""
+_folder: ContextVar[str] = ContextVar("_folder", default="")  # to which relative paths refer
 
 
 def _joined(text: str) -> str:
@@ -126,17 +125,12 @@ class Stage:
         played = Path(self.piece).stem if self.piece and is_path(self.piece) else self.piece
         return re.sub(r"[^\w.-]+", "-", self.name or played or self.env or several)
 
-    @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
-        """Create a stage from YAML, with its ``settings`` as single keys."""
-        own, rest = parted(mapping, _OF_STAGES)
-        return cls(**own, settings=rest)
-
     def to_mapping(self) -> dict[str, Any]:
         """Return the stage in YAML's form."""
-        changed = [n for n in _OF_STAGES if getattr(self, n) != getattr(Stage, n)]
-        own = {name: getattr(self, name) for name in changed}
-        return plain({**own, **self.settings, **_until(self.until)}, "stage")
+        own = {n: v for n in _OF_STAGES if (v := getattr(self, n)) != getattr(Stage, n)}
+        if self.until is not None:
+            own["until"] = _until(self.until)
+        return plain({**own, **self.settings}, "stage")
 
     def run_config(self, algo: str) -> RunConfig:
         """Return the settings of its run, without seed and start."""
@@ -211,7 +205,8 @@ class Curriculum:
                 if not isinstance(entry, Mapping):
                     raise ConfigError(f"It is {entry!r}: expected a mapping, as {_EXAMPLE}.")
                 unfit = _PLAYED if any(name in entry for name in _PLAYED) else ()
-                made.append(Stage.from_mapping(merged(parted(common, unfit)[1], entry)))
+                of_stage, rest = parted(merged(parted(common, unfit)[1], entry), _OF_STAGES)
+                made.append(Stage(**of_stage, settings=rest))
         return cls(**{**own, "stages": tuple(made)})
 
     def to_mapping(self) -> dict[str, Any]:
@@ -254,25 +249,21 @@ def _with_evaluation(config: RunConfig, until: Condition) -> RunConfig:
         most += bool(kwargs.get("evaluate_start"))
     if most < until.patience:
         raise ConfigError(
-            f"until {_until(until)['until']} can never be met: in n_timesteps {config.n_timesteps} "
+            f"until {_until(until)} can never be met: in n_timesteps {config.n_timesteps} "
             f"of {config.n_agents} environment(s), or hands as agents, come {most} evaluations. "
             "Expected more steps, or a smaller eval_freq."
         )
     return dataclasses.replace(config, callback=plugins)
 
 
-def _until(condition: Condition | None) -> dict[str, Any]:
-    """Return a condition in YAML's form; nothing if it is ``None``."""
-    if condition is None:
-        return {}
-    others = {name: getattr(condition, name) for name in _OTHERS}
-    given = {name: value for name, value in others.items() if value is not None}
-    return {"until": {**condition.thresholds, **given}}
+def _until(condition: Condition) -> dict[str, Any]:
+    """Return a condition in YAML's form."""
+    others = {name: v for name in _OTHERS if (v := getattr(condition, name)) is not None}
+    return {**condition.thresholds, **others}
 
 
 def _known_settings(algo: str) -> list[str]:
     """List the allowed names in the settings of a stage."""
     arguments = [name for name in parameters_of(algorithm_class(algo)) if name[0] != "_"]
-    names = [f.name for f in dataclasses.fields(RunConfig)] + arguments
-    unfit = _NOT_OF_STAGES | {*_OF_STAGES, "settings"}
-    return [name for name in dict.fromkeys(names) if name not in unfit]
+    names = dict.fromkeys([*(f.name for f in dataclasses.fields(RunConfig)), *arguments])
+    return [name for name in names if name not in (*_NOT_OF_STAGES, *_OF_STAGES)]

@@ -7,7 +7,6 @@ import itertools
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,14 +24,12 @@ from sb3_piano.music.catalogue import is_path
 from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, Nested, settings
-from sb3_piano.training import RunConfig, load_config
+from sb3_piano.training import load_config
 from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.yaml_files import merged
 
 RESULTS = "results.csv"
-
-_FORMER = "sweep.yml"
-"""File of earlier versions, with the settings of all runs."""
+_FORMER = "sweep.yml"  # of earlier versions, with the settings of all runs
 
 
 @settings
@@ -66,8 +63,8 @@ class SweepConfig:
         if not (self.pieces or self.envs):
             raise ConfigError("A sweep has neither pieces nor envs: expected at least one.")
 
-    def runs(self) -> dict[tuple[str, int], RunConfig]:
-        """Compute the settings of each run, by cell and seed.
+    def jobs(self, place: Path) -> list[TrainingJob]:
+        """Create the jobs of all runs in the sweep's folder, each called ``<cell>/seed_<n>``.
 
         Raises:
             ConfigError: If a run's settings are not valid, or two cells have one name.
@@ -77,30 +74,23 @@ class SweepConfig:
         for piece in map(str, select_pieces(self.pieces) if self.pieces else ()):
             text = os.path.realpath(piece) if is_path(piece) else piece
             played.append((Path(text).stem, GENERAL_ID, {"score": text}))
-        found: dict[tuple[str, int], RunConfig] = {}
-        grid = itertools.product(self.algos, played, self.variants.items(), self.seeds)
-        for algo, (title, env_id, options), (variant, changed), seed in grid:
-            plain = (re.sub(r"[^\w.-]+", "-", part).strip("-") for part in (algo, title, variant))
-            name = "_".join(filter(None, plain))
-            if (name, seed) in found:
-                raise ConfigError(
-                    f"Two cells of the sweep are called {name!r} with seed {seed}: expected "
-                    "algorithms, pieces, variants and seeds that differ."
-                )
-            with naming(f"Cell {name!r} of the sweep"):
-                given = merged(self.settings, changed)
-                given = merged(given, {"env_kwargs": options, "seed": seed})
-                found[name, seed] = load_config(algo, env_id, given.pop("config", None), **given)
-        return found
-
-    def jobs(self, place: Path) -> list[TrainingJob]:
-        """Create the jobs of all runs in the sweep's folder."""
+        found: dict[str, TrainingJob] = {}
         options: Any = {"episodes": self.episodes, "checkpoint_every": self.checkpoint_every}
-        names = {f"{cell}/seed_{seed}": run for (cell, seed), run in self.runs().items()}
-        return [
-            TrainingJob(name=name, folder=place / name, config=run, **options)
-            for name, run in names.items()
-        ]
+        grid = itertools.product(self.algos, played, self.variants.items(), self.seeds)
+        for algo, (title, env_id, played_with), (variant, changed), seed in grid:
+            plain = (re.sub(r"[^\w.-]+", "-", part).strip("-") for part in (algo, title, variant))
+            name = f"{'_'.join(filter(None, plain))}/seed_{seed}"
+            if name in found:
+                raise ConfigError(
+                    f"Two runs of the sweep are called {name!r}: expected algorithms, pieces, "
+                    "variants and seeds that differ."
+                )
+            with naming(f"Run {name!r} of the sweep"):
+                given = merged(self.settings, changed)
+                given = merged(given, {"env_kwargs": played_with, "seed": seed})
+                run = load_config(algo, env_id, given.pop("config", None), **given)
+            found[name] = TrainingJob(name=name, folder=place / name, config=run, **options)
+        return list(found.values())
 
 
 def load_sweep(file: str | os.PathLike[str]) -> SweepConfig:
@@ -119,25 +109,22 @@ def sweep(
     config: SweepConfig,
     folder: str | os.PathLike[str],
     *,
-    executor: Executor | None = None,
-    workers: int | None = None,
-    ray: str | None = None,
     on_result: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
+    **where: Any,
 ) -> Trained:
     """Train and evaluate all runs of a grid, or the rest of them.
 
     Each run gets a folder ``<cell>/seed_<n>`` and a line in ``results.csv``. See
-    :func:`~sb3_piano.jobs.finish` for finished, stopped and failed runs, and for ``executor``,
-    ``workers`` and ``ray``. Ctrl-C ends the sweep; the same call resumes it.
+    :func:`~sb3_piano.jobs.finish` for finished, stopped and failed runs. Ctrl-C ends the sweep; the
+    same call resumes it.
 
     Args:
         config: The grid.
         folder: The sweep's folder: new, empty, or with a sweep of the same settings; cells and
             seeds may have been added.
-        executor: Executor that trains the runs.
-        workers: Processes on this machine.
-        ray: Address of a Ray cluster whose nodes all see the folder.
         on_result: Called with each ended run, the number of ended runs and the number of all runs.
+        **where: ``executor``, or ``workers`` and ``ray`` for the one that is opened, see
+            :func:`~sb3_piano.jobs.finish`; all its processes see the folder.
 
     Raises:
         ConfigError: If a setting is not valid, or the cluster cannot be reached.
@@ -145,8 +132,7 @@ def sweep(
     """
     place = shared_folder(folder)
     jobs = config.jobs(place)
-    expected = "one command in a folder. More runs at once are --workers; how far it is: sb3-piano "
-    expected += "sweep FILE --status"
+    expected = "one command in a folder: --workers for more runs at once, --status for its state."
     with hold(place / LOCK_SUFFIX, f"Sweep '{place}' is being run", expected):
         former = place / _FORMER
         noted = (load_yaml(former.read_text("utf-8")) or {}) if former.is_file() else {}
@@ -157,7 +143,6 @@ def sweep(
             raise RunError(
                 f"Folder '{place}' is not empty and no sweep: expected a new or empty one."
             )
-        where = {"executor": executor, "workers": workers, "ray": ray}
         note = functools.partial(_write_results, place)
         return train_all(place, jobs, on_result, note, resources=config.resources, **where)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -15,25 +15,14 @@ from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.callbacks.checkpoint import CHECKPOINT_FILE, DEFAULT_EVERY, Checkpoint
 from sb3_piano.callbacks.condition import Condition
 from sb3_piano.callbacks.own_env import with_nested
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import read_json, write_json, write_yaml
 from sb3_piano.jobs import Job, Outcome, finish, status
 from sb3_piano.jobs.job import Work
+from sb3_piano.settings import refuse_unknown
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
-_ENDED = "ended.json"
-"""File that records that a callback ended a training early."""
-
-_EVALUATIONS = "evaluations.json"
-"""File of the evaluations during a training."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainingEvaluation:
-    """Evaluation during a training: step count, and each metric's mean over episodes."""
-
-    num_timesteps: int
-    metrics: Mapping[str, float]
+_ENDED, _EVALUATIONS = "ended.json", "evaluations.json"
+"""Files of a training: a note that a callback ended it early, and the evaluations in it."""
 
 
 def _train_and_evaluate(job: TrainingJob) -> Mapping[str, Any]:
@@ -68,8 +57,6 @@ class TrainingJob(Job):
     episodes of the trained model. By default its settings are the config's.
     """
 
-    kind: ClassVar[str] = "run"
-
     work: Work = _train_and_evaluate
     config: RunConfig
     """Settings of the run, with a seed."""
@@ -99,20 +86,16 @@ class TrainingJob(Job):
         saved = _read(RunFolder(self.folder).checkpoint_dir / CHECKPOINT_FILE)
         return int(saved.get("num_timesteps", 0)), self.config.n_timesteps
 
-    def evaluations(self, until: int | None = None) -> tuple[TrainingEvaluation, ...]:
-        """Return the training's evaluations up to ``until`` steps, or all.
-
-        Raises:
-            RunError: If the file is damaged.
-        """
+    def evaluations(self, until: float = math.inf) -> dict[int, Mapping[str, float]]:
+        """Return each metric's mean over episodes by the step count, up to ``until`` steps."""
         again = "delete it: the run is then evaluated anew."
-        kind = dict[str, tuple[TrainingEvaluation, ...]]
-        found = (read_json(self.folder / _EVALUATIONS, kind, again) or {}).get("evaluations", ())
-        return tuple(one for one in found if until is None or one.num_timesteps <= until)
+        found = read_json(self.folder / _EVALUATIONS, dict[str, list[dict[str, Any]]], again) or {}
+        pairs = ((one["num_timesteps"], one["metrics"]) for one in found.get("evaluations", ()))
+        return {steps: metrics for steps, metrics in pairs if steps <= until}
 
-    def is_met(self, evaluations: Sequence[TrainingEvaluation]) -> bool:
+    def is_met(self, evaluations: Mapping[int, Mapping[str, float]]) -> bool:
         """Check whether evaluations meet the job's condition."""
-        return self.until is not None and self.until.is_met([one.metrics for one in evaluations])
+        return self.until is not None and self.until.is_met([*evaluations.values()])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,8 +108,6 @@ class Trained:
     """Outcomes of the runs, in the order of the grid or of the stages."""
     interrupted: bool = False
     """Whether Ctrl-C or SIGTERM ended it early."""
-    had_finished: bool = False
-    """Whether all runs had finished before."""
 
 
 def train_all(
@@ -149,13 +130,12 @@ def train_all(
         on_result(outcome, done, total)
 
     note(known)
-    interrupted, had_finished = False, all(one.result is not None for one in known)
+    interrupted = False
     try:
         finish(jobs, known=known, on_outcome=tell, **options)
     except KeyboardInterrupt:
         interrupted = True
-    found = tuple(runs.values())
-    return Trained(folder=folder, runs=found, interrupted=interrupted, had_finished=had_finished)
+    return Trained(folder=folder, runs=tuple(runs.values()), interrupted=interrupted)
 
 
 def train_to_end(
@@ -163,8 +143,7 @@ def train_to_end(
 ) -> int:
     """Train a run, or resume it; return its steps, fewer if a callback ended it.
 
-    Raises:
-        KeyboardInterrupt: If it was interrupted; a checkpoint is saved.
+    An interruption raises ``KeyboardInterrupt``, after a checkpoint was saved.
     """
     if RunFolder(folder).has_begun:
         result = resume(folder, config.n_timesteps, callbacks=callbacks, **options)
@@ -181,16 +160,16 @@ class _EndWhenMet(BaseCallback):
     def __init__(self, job: TrainingJob) -> None:
         super().__init__()
         self._job = job
-        self._evaluations: list[TrainingEvaluation] = []
+        self._evaluations: dict[int, Mapping[str, float]] = {}
 
     def _on_training_start(self) -> None:
-        begun = self.num_timesteps > 0  # else it starts over
-        self._evaluations = [*self._job.evaluations(self.num_timesteps)] if begun else []
+        if self.num_timesteps > 0:  # else it starts over
+            self._evaluations = self._job.evaluations(self.num_timesteps)
         self._keep()
         self._on_step()
 
     def _on_step(self) -> bool:
-        last = self._evaluations[-1].num_timesteps if self._evaluations else -1
+        last = max(self._evaluations, default=-1)
         found: dict[int, dict[str, float]] = defaultdict(dict)
         for callback in with_nested([self.locals["callback"]]):
             if isinstance(callback, MetricEvalCallback):
@@ -198,20 +177,17 @@ class _EndWhenMet(BaseCallback):
                     if steps > last:
                         found[steps] |= callback.means(number)
         for steps, metrics in sorted(found.items()):
-            for name in self._job.until.thresholds if self._job.until is not None else ():
-                if name not in metrics:
-                    raise ConfigError(
-                        f"until asks for {name!r}, which the evaluations do not have: "
-                        f"expected one of {', '.join(sorted(metrics))}."
-                    )
-            self._evaluations.append(TrainingEvaluation(num_timesteps=steps, metrics=metrics))
+            if self._job.until is not None:
+                refuse_unknown(self._job.until.thresholds, metrics, "metric", "until")
+            self._evaluations[steps] = metrics
         if found:
             self._keep()
         return not self._job.is_met(self._evaluations)
 
     def _keep(self) -> None:
-        noted = {"evaluations": list(map(dataclasses.asdict, self._evaluations))}
-        write_json(self._job.folder / _EVALUATIONS, noted)
+        pairs = self._evaluations.items()
+        noted = [{"num_timesteps": steps, "metrics": metrics} for steps, metrics in pairs]
+        write_json(self._job.folder / _EVALUATIONS, {"evaluations": noted})
 
 
 def _read(file: Path) -> dict[str, Any]:

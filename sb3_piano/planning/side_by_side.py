@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from sb3_piano.interrupts import leave_to_parent
-from sb3_piano.jobs.starting import process_context
+from sb3_piano.jobs.pool import process_context
 from sb3_piano.threads import usable_cores
 
 M = TypeVar("M")

@@ -7,25 +7,27 @@ import math
 import platform
 import shutil
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
-import numpy as np
 import optuna
 from optuna.trial import BaseTrial
 from stable_baselines3.common.callbacks import BaseCallback, ConvertCallback
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.callbacks.metric_eval import MOST_PIECES
-from sb3_piano.exceptions import RunError, no_memory, one_line
+from sb3_piano.exceptions import RunError
 from sb3_piano.interrupts import stop_requested
+from sb3_piano.jobs.job import reason_of
 from sb3_piano.training import RunConfig, RunFolder, evaluate, train
 from sb3_piano.training.configuration.entries import with_settings
 from sb3_piano.training.configuration.yaml_files import entry_config
-from sb3_piano.tuning import trials
+from sb3_piano.tuning import study as of_study
 from sb3_piano.tuning.study import METRICS, StudyConfig, StudyFolder
 
+Results = Mapping[str, float]
 RESULTS = tuple(f"{model}_{metric}" for model in ("final", "best") for metric in METRICS)
 """Names of all results of a trial, such as ``best_onset_f1``: means over the seeds."""
 
@@ -55,9 +57,9 @@ class Objective:
             KeyboardInterrupt: If Ctrl-C or SIGTERM ended a training, or Ctrl-C an evaluation.
             Exception: Any error of a training or an evaluation; the reason is recorded.
         """
-        path, results = self.folder.trial_dir(trial.number), list[Mapping[str, float]]()
-        trial.set_user_attr(trials.HOST, platform.node())
-        trial.set_user_attr(trials.FOLDER, str(path))
+        path, results = self.folder.trial_dir(trial.number), list[Results]()
+        trial.set_user_attr(of_study.HOST, platform.node())
+        trial.set_user_attr(of_study.FOLDER, str(path))
         try:
             entry = with_settings(self.config.entry, self.config.space.suggest(trial))
             config = entry_config(self.config.algo, self.config.env_id, entry)
@@ -71,31 +73,27 @@ class Objective:
         except optuna.TrialPruned:
             raise
         except Exception as error:
-            trial.set_user_attr(trials.FAILURE, reason_of(error))
+            trial.set_user_attr(of_study.FAILURE, reason_of(error))
             raise
         finally:
-            trial.set_user_attr(trials.VALUES, self._values(results))
+            trial.set_user_attr(of_study.VALUES, self._values(results))
             for name in RESULTS if results else ():
-                trial.set_user_attr(name, _mean(found[name] for found in results))
-        return _mean(self._values(results))
+                trial.set_user_attr(name, fmean(found[name] for found in results))
+        return fmean(self._values(results))
 
-    def _values(self, results: Sequence[Mapping[str, float]]) -> list[float]:
+    def _values(self, results: Sequence[Results]) -> list[float]:
         return [found[f"{self.config.objective}_{self.config.metric}"] for found in results]
 
-    def _report(self, trial: BaseTrial, results: Sequence[Mapping[str, float]], steps: int) -> bool:
+    def _report(self, trial: BaseTrial, results: Sequence[Results], steps: int) -> bool:
         """Report a mean after steps of an unfinished training; return whether to continue."""
         n_whole = len(results) - bool(steps)
         steps += n_whole * self.config.config.n_timesteps
-        trial.report(_mean(self._values(results)), steps)
+        trial.report(fmean(self._values(results)), steps)
         return not trial.should_prune()
 
     def _train(
-        self,
-        config: RunConfig,
-        path: Path,
-        trial: BaseTrial,
-        before: Sequence[Mapping[str, float]],
-    ) -> Mapping[str, float]:
+        self, config: RunConfig, path: Path, trial: BaseTrial, before: Sequence[Results]
+    ) -> Results:
         """Train and evaluate one model; return its results."""
         study, going_on = self.config, True
 
@@ -122,8 +120,8 @@ class Objective:
         finally:
             # The replay buffer would fill the disk; a trial is not resumed but repeated.
             shutil.rmtree(RunFolder(path).checkpoint_dir, ignore_errors=True)
-        done = trial.user_attrs.get(trials.STEPS, 0) + result.num_timesteps
-        trial.set_user_attr(trials.STEPS, done)
+        done = trial.user_attrs.get(of_study.STEPS, 0) + result.num_timesteps
+        trial.set_user_attr(of_study.STEPS, done)
         if not going_on:
             raise optuna.TrialPruned
         last = None if result.interrupted else evaluate(path, episodes, study.eval_seed)
@@ -156,11 +154,7 @@ class _Limit(BaseCallback):
         return time.monotonic() < self._end
 
 
-def _mean(values: Iterable[float]) -> float:
-    return float(np.mean([*values]))
-
-
-def _results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
+def _results_of(last: Results, judge: MetricEvalCallback) -> Results:
     """Return final and best value of each metric of a training, by the names of :data:`RESULTS`.
 
     ``last`` has the metrics of the final model; if empty, the last evaluation counts.
@@ -171,9 +165,3 @@ def _results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[st
         results[f"final_{metric}"] = values[-1]
         results[f"best_{metric}"] = max(values)
     return results
-
-
-def reason_of(error: BaseException) -> str:
-    """Return the reason of a failure in one line."""
-    reason = f"{type(error).__name__}: {one_line(error)}" if str(error) else type(error).__name__
-    return f"out of memory: {reason}" if no_memory(error) else reason

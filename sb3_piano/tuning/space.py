@@ -47,12 +47,9 @@ class Parameter:
     label in a mapping.
     """
 
-    form: Mapping[str, Any]
-    """The parameter in YAML types; :func:`parse_parameter` restores it."""
-    distribution: Any
-    """Optuna's distribution of the stored values."""
-    choices: Mapping[Any, Any] | None = None
-    """Values by the stored choice."""
+    form: Mapping[str, Any]  # in YAML types, from which parse_parameter makes it again
+    distribution: Any  # Optuna's, of the stored values
+    choices: Mapping[Any, Any] | None = None  # values by the stored choice
 
     def stored_name(self, name: str) -> str:
         """Return the stored name of a setting's parameter."""
@@ -72,16 +69,16 @@ class Parameter:
         try:
             number = number_in(value)
             number = _distance_from_1(number) if "discount" in self.form else number
-            of = {"x": self.distribution}
-            create_trial(value=0.0, params={"x": number}, distributions=of)  # checks it
+            # Optuna checks it.
+            create_trial(value=0, params={"": number}, distributions={"": self.distribution})
         except (ArithmeticError, TypeError, ValueError):
             return None
         return number
 
     def extremes(self) -> list[Any]:
         """Return both ends of a range, or all choices."""
-        of = self.distribution
-        return [self.value(end) for end in self.choices or (of.low, of.high)]
+        ends = self.choices or (self.distribution.low, self.distribution.high)
+        return [self.value(end) for end in ends]
 
     def suggest(self, trial: BaseTrial, name: str) -> Any:
         """Draw the value of the setting ``name`` for a trial."""
@@ -97,16 +94,12 @@ def parse_parameter(name: str, value: Any) -> Parameter:
 
     YAML has ``{<kind>: [low, high]}`` with the kind "float", "int" or "discount" and optional
     arguments of Optuna's distribution, or ``{"choice": values}``, a list or a mapping from labels.
-
-    Raises:
-        ConfigError: If it has another form, or the range or the choices are not valid.
     """
     if isinstance(value, Parameter):
         return value
     form = _form_of(value) if isinstance(value, optunas.BaseDistribution) else value
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # Optuna warns when it lowers the upper end
+        with warnings.catch_warnings(action="error"):  # Optuna's when it lowers the upper end
             return _parsed(form)
     except (ArithmeticError, TypeError, UserWarning, ValueError) as error:
         raise ConfigError(
@@ -259,11 +252,7 @@ def load_space(sources: Sequence[str | os.PathLike[str]], algo: str) -> Space:
 
 
 def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) -> None:
-    """Build environment and model of the entry at both ends of all ranges and with all choices.
-
-    Raises:
-        ConfigError: If a setting is unknown, or the values do not work together.
-    """
+    """Build environment and model of the entry at both ends of all ranges and with all choices."""
     extremes = {name: parameter.extremes() for name, parameter in space.items()}
     for index in range(-1, max(map(len, extremes.values()))):
         together = {name: ends[min(index, len(ends) - 1)] for name, ends in extremes.items()}
@@ -282,8 +271,7 @@ def _build(config: RunConfig) -> None:
     cheap = {"device": "cpu", "verbose": 0, "buffer_size": 100}
     cheap = {k: v for k, v in cheap.items() if k in parameters_of(config.algorithm)}
     config = dataclasses.replace(config, algorithm_kwargs={**config.algorithm_kwargs, **cheap})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the trial's training shows them
-        with contextlib.closing(build_vec_env(config)) as venv:
-            build_model(config, venv)
-            venv.reset()
+    quiet = warnings.catch_warnings(action="ignore")  # the trial's training shows them
+    with quiet, contextlib.closing(build_vec_env(config)) as venv:
+        build_model(config, venv)
+        venv.reset()

@@ -22,15 +22,12 @@ from sb3_piano.exceptions import ConfigError, RunError, install_command, one_lin
 from sb3_piano.jobs.folders import check_same
 from sb3_piano.links import check_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
-from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, optuna_experiments, retry
+from sb3_piano.tuning import study as of_study
+from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder
 
-HEARTBEAT_INTERVAL = 60
-"""Seconds between two heartbeats of a trial in a database."""
-GRACE_PERIOD = 120
-"""Seconds after the last heartbeat until its process counts as dead."""
-PATIENCE = 60.0
-"""Seconds to wait for a database that is unavailable."""
+HEARTBEAT_INTERVAL = 60  # s, between two heartbeats of a trial in a database
+GRACE_PERIOD = 120  # s, after the last heartbeat until its process counts as dead
+PATIENCE = 60.0  # s, to wait for a database that is unavailable
 
 _IDENTITY = "identity"
 _MAKING_SECONDS = 5.0
@@ -40,10 +37,7 @@ _MAKING_SECONDS = 5.0
 def opened_store(url: str | None, folder: StudyFolder) -> Iterator[BaseStorage]:
     """Open the database of a URL, with tables, or without a URL the journal in a study's folder.
 
-    Messages never show the URL's password.
-
-    Raises:
-        RunError: If the database or the journal cannot be used.
+    A ``RunError`` says why it cannot be used, and never shows the URL's password.
     """
     if url is None:
         yield _open_journal(folder)
@@ -100,13 +94,13 @@ def _open_database(url: str, attempts: int = 5) -> RDBStorage:
         if parsed.get_backend_name() == "sqlite":
             raise RuntimeError("SQLite is not for several machines at once")
         whole = parsed.render_as_string(hide_password=False)
-        with optuna_experiments():
+        with of_study.optuna_experiments():
             store = RDBStorage(
                 whole.replace("{", "{{").replace("}", "}}"),  # Optuna formats it
                 engine_kwargs={"pool_pre_ping": True},
                 heartbeat_interval=HEARTBEAT_INTERVAL,
                 grace_period=GRACE_PERIOD,
-                heartbeat_stale_trial_callback=retry,
+                heartbeat_stale_trial_callback=of_study.retry,
             )
     except (ImportError, RuntimeError, SQLAlchemyError, StorageInternalError, ValueError) as error:
         # Several processes may create its tables at once.
@@ -156,13 +150,14 @@ def open_study(
 ) -> optuna.Study:
     """Load a study, or create it; the caller sets its sampler.
 
-    A new study starts with a waiting trial of the settings from which it departs.
-
-    Raises:
-        ConfigError: If another program created the study.
-        RunError: If it has other settings.
+    A new study starts with a waiting trial of the settings from which it departs. A study of
+    another program or of other settings is refused.
     """
-    options: Any = {"study_name": name, "storage": storage, "pruner": make_pruner(search, config)}
+    options: Any = {
+        "study_name": name,
+        "storage": storage,
+        "pruner": of_study.make_pruner(search, config),
+    }
     try:
         study = optuna.create_study(**options, direction="maximize")
     except DuplicatedStudyError:
@@ -176,11 +171,11 @@ def open_study(
                 f"Study {name!r} is another program's: expected a study of 'sb3-piano tune'. "
                 "Choose another name with --name."
             )
-        with optuna_experiments():
+        with of_study.optuna_experiments():
             study.set_metric_names([config.value_name])  # for the dashboard
         params = config.preset_params()
         whole = params.keys() == config.space.distributions.keys()
-        origin = {ORIGIN: PRESET if whole else PRESET_IN_PART}
+        origin = {of_study.ORIGIN: of_study.PRESET if whole else of_study.PRESET_IN_PART}
         study.enqueue_trial(params, user_attrs=origin, skip_if_exists=True)
         study.set_user_attr(_IDENTITY, config.identity())  # last, as other processes wait for it
     check_same(study.user_attrs[_IDENTITY], config.identity(), f"Study {name!r}")

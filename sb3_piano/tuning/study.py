@@ -1,17 +1,24 @@
-"""A study: its search, the evaluation of its trials, and its folder."""
+"""A study: its search, the evaluation of its trials, which of them count, and its folder."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import optuna
 from optuna import pruners, samplers
+from optuna.exceptions import ExperimentalWarning
+from optuna.storages import RetryHeartbeatStaleTrialCallback
+from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError
@@ -21,7 +28,34 @@ from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.tuning.space import Space
-from sb3_piano.tuning.trials import optuna_experiments
+
+STATES = {
+    TrialState.COMPLETE: "complete",
+    TrialState.PRUNED: "pruned",
+    TrialState.FAIL: "failed",
+    TrialState.RUNNING: "running",
+    TrialState.WAITING: "waiting",
+}
+"""Names of the states for users."""
+
+# Attributes of a trial (Optuna's user attributes).
+HOST = "host"  # the machine that ran it
+FOLDER = "folder"  # its runs, on that machine
+OWNER = "owner"  # name of the job that ran it
+ORIGIN = "origin"  # source of its settings, if the sampler did not choose them
+FAILURE = "failure"  # why it failed, in one line
+STEPS = "steps"  # environment steps of all its trainings
+VALUES = "values"  # its value by seed, in the order of the study's seeds; shorter if it was pruned
+
+# Origins: the settings from which the study departs, or the part of them in the space.
+PRESET = "preset"
+PRESET_IN_PART = "preset in part"
+
+MAX_RETRIES = 3  # of a trial whose process died
+
+
+optuna_experiments = partial(warnings.catch_warnings, action="ignore", category=ExperimentalWarning)
+"""Context manager to use experimental features of Optuna without its warnings."""
 
 METRICS: Mapping[str, type[MetricEvalCallback]] = {
     callback.metric: callback for callback in (F1Callback, OnsetF1Callback)
@@ -120,23 +154,23 @@ class Search:
     """Seed of the sampler. Its choices are reproducible only with one worker."""
 
 
-@optuna_experiments()
 def make_sampler(search: Search, number: int = 0) -> samplers.BaseSampler:
     """Create the sampler of a trial, seeded by the search's seed and the trial's number."""
     startup, seed = search.startup_trials, search.seed
     if seed is not None:
         seed = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
     options: Any = {"n_startup_trials": startup, "seed": seed}
-    match search.sampler:
-        case "tpe":  # running trials count as bad ones, so that none gets their settings
-            return samplers.TPESampler(**options, multivariate=True, constant_liar=True)
-        case "cmaes":  # every choice is drawn at random
-            options["warn_independent_sampling"] = False
-            # Optuna recommends it if successive halving ends most trials.
-            options["consider_pruned_trials"] = search.pruner in ("hyperband", "halving")
-            return samplers.CmaEsSampler(**options)
-        case "gp":  # a Gaussian process; its time grows with the number of trials
-            return samplers.GPSampler(**options)
+    with optuna_experiments():
+        match search.sampler:
+            case "tpe":  # running trials count as bad ones, so that none gets their settings
+                return samplers.TPESampler(**options, multivariate=True, constant_liar=True)
+            case "cmaes":  # every choice is drawn at random
+                options["warn_independent_sampling"] = False
+                # Optuna recommends it if successive halving ends most trials.
+                options["consider_pruned_trials"] = search.pruner in ("hyperband", "halving")
+                return samplers.CmaEsSampler(**options)
+            case "gp":  # a Gaussian process; its time grows with the number of trials
+                return samplers.GPSampler(**options)
     return samplers.RandomSampler(seed=seed)
 
 
@@ -181,3 +215,52 @@ class StudyFolder:
     def trial_dir(self, number: int) -> Path:
         """Return the folder of a trial's runs."""
         return self.path / "trials" / str(number)
+
+
+def retry(study: optuna.Study, trial: FrozenTrial) -> None:
+    """Queue the settings of a lost trial again, with its origin, at most ``MAX_RETRIES`` times."""
+    trial.user_attrs = {name: v for name, v in trial.user_attrs.items() if name == ORIGIN}
+    with optuna_experiments():
+        RetryHeartbeatStaleTrialCallback(MAX_RETRIES)(study, trial)
+
+
+def repeated(trials: Iterable[FrozenTrial]) -> set[int]:
+    """Return the numbers of repeated trials, which do not count."""
+    with optuna_experiments():
+        return {n for t in trials for n in RetryHeartbeatStaleTrialCallback.retry_history(t)}
+
+
+def counting(study: optuna.Study) -> list[FrozenTrial]:
+    """Return the trials that count, also waiting and running ones."""
+    trials = study.get_trials(deepcopy=False)
+    again = repeated(trials)
+    return [trial for trial in trials if trial.number not in again]
+
+
+def best_first(trials: Iterable[FrozenTrial]) -> list[FrozenTrial]:
+    """Return the complete trials by descending value; equal ones keep their order."""
+    complete = [trial for trial in trials if trial.state is TrialState.COMPLETE]
+    return sorted(complete, key=lambda trial: -trial.values[0])
+
+
+def preset_trial(trials: Iterable[FrozenTrial]) -> FrozenTrial | None:
+    """Find the complete trial with the settings from which the study departs."""
+    return next((t for t in best_first(trials) if t.user_attrs.get(ORIGIN) == PRESET), None)
+
+
+def failure_of(trial: FrozenTrial) -> str:
+    """Return the reason of a trial's failure; empty if it did not fail."""
+    if trial.state is not TrialState.FAIL:
+        return ""
+    return trial.user_attrs.get(FAILURE, "its process ended: stopped, killed, or out of memory")
+
+
+def summary(trials: Sequence[FrozenTrial], value_name: str) -> str:
+    """Return ``"7 trials (2 running, 3 pruned), highest final f1 0.430 (trial 5)"``."""
+    counts = Counter(trial.state for trial in trials)
+    told = (TrialState.RUNNING, TrialState.PRUNED, TrialState.FAIL)
+    details = ", ".join(f"{counts[state]} {STATES[state]}" for state in told if counts[state])
+    text = f"{sum(trial.state.is_finished() for trial in trials)} trials"
+    text += f" ({details})" if details else ""
+    best = next(iter(best_first(trials)), None)
+    return f"{text}, highest {value_name} {best.value:.3f} (trial {best.number})" if best else text

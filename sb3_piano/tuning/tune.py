@@ -26,16 +26,13 @@ from sb3_piano.jobs import Resources, open_executor
 from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
-from sb3_piano.tuning import trials as of_study
+from sb3_piano.tuning import study as of_study
 from sb3_piano.tuning.objective import Objective
 from sb3_piano.tuning.space import check_space
 from sb3_piano.tuning.storage import open_study, opened_store
-from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner, make_sampler
-from sb3_piano.tuning.trials import OWNER, counting, optuna_experiments, retry
+from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder
 
-MAX_DEATHS = 3
-"""Consecutive worker deaths, per worker, after which a study is aborted."""
-
+MAX_DEATHS = 3  # in a row, of each worker, after which a study is aborted
 _POLL_SECONDS = 1.0
 
 
@@ -123,7 +120,7 @@ def tune(
 
         for write in (write_best, write_table, write_report):
             write(study, config, place)
-        trials = tuple(counting(study))
+        trials = tuple(of_study.counting(study))
         return TuneResult(folder=place, study=study, trials=trials, interrupted=interrupted)
 
 
@@ -146,20 +143,20 @@ class _TrialJob:
                 stream.flush()
                 os.dup2(log.fileno(), stream.fileno())
         with ended_as_by_ctrl_c(), opened_store(self.storage, self.folder) as store:
-            pruner = make_pruner(self.search, self.config)
+            pruner = of_study.make_pruner(self.search, self.config)
             study = optuna.load_study(study_name=self.study_name, storage=store, pruner=pruner)
 
             def objective(trial: optuna.Trial) -> float:
-                trial.set_user_attr(OWNER, name)
-                study.sampler = make_sampler(self.search, trial.number)
+                trial.set_user_attr(of_study.OWNER, name)
+                study.sampler = of_study.make_sampler(self.search, trial.number)
                 return Objective(self.config, self.folder)(trial)
 
             try:
                 study.optimize(objective, n_trials=1, catch=(Exception,), gc_after_trial=True)
             except KeyboardInterrupt:
                 for trial in study.get_trials(states=(TrialState.FAIL,)):
-                    if trial.user_attrs.get(OWNER) == name and self.storage is not None:
-                        retry(study, trial)
+                    if trial.user_attrs.get(of_study.OWNER) == name and self.storage is not None:
+                        of_study.retry(study, trial)
                 raise
 
 
@@ -177,9 +174,9 @@ def _run_trials(
     deaths, bar = 0, progress.add_task("trials", total=n_trials)
     while not request.made:
         _requeue_lost(study, job, busy.values())
-        trials = counting(study)
+        trials = of_study.counting(study)
         running = [trial for trial in trials if trial.state is TrialState.RUNNING]
-        elsewhere = [t for t in running if t.user_attrs.get(OWNER) not in busy.values()]
+        elsewhere = [t for t in running if t.user_attrs.get(of_study.OWNER) not in busy.values()]
         finished = sum(trial.state.is_finished() for trial in trials)
         text = of_study.summary(trials, job.config.value_name)
         progress.update(bar, completed=finished, description=text)
@@ -189,9 +186,9 @@ def _run_trials(
             busy[executor.submit(job, name)] = name
         if not busy:
             # Do not wait for a process that was killed before it gave its name.
-            if not any(OWNER in trial.user_attrs for trial in elsewhere):
+            if not any(of_study.OWNER in trial.user_attrs for trial in elsewhere):
                 return False
-            with optuna_experiments():
+            with of_study.optuna_experiments():
                 fail_stale_trials(study)
             time.sleep(_POLL_SECONDS)
         for future in wait(busy, _POLL_SECONDS, FIRST_COMPLETED).done:
@@ -214,11 +211,10 @@ def _requeue_lost(study: optuna.Study, job: _TrialJob, busy: Collection[str] = (
     trials = study.get_trials() if job.storage is None else []
     again = of_study.repeated(trials)
     for trial in trials:
-        owner, is_failed = trial.user_attrs.get(OWNER), trial.state is TrialState.FAIL
+        owner, failed = trial.user_attrs.get(of_study.OWNER), trial.state is TrialState.FAIL
         is_run = owner in busy or (owner is None and bool(busy))  # it has just begun
         if trial.state is TrialState.RUNNING and not is_run:
             with contextlib.suppress(ValueError, UpdateFinishedTrialError):  # it has just ended
-                study.tell(trial.number, state=TrialState.FAIL)
-                retry(study, trial)
-        elif is_failed and of_study.FAILURE not in trial.user_attrs and trial.number not in again:
-            retry(study, trial)
+                of_study.retry(study, study.tell(trial.number, state=TrialState.FAIL))
+        elif failed and of_study.FAILURE not in trial.user_attrs and trial.number not in again:
+            of_study.retry(study, trial)

@@ -20,7 +20,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.interrupts import leave_to_parent
-from sb3_piano.jobs.starting import process_context
+from sb3_piano.jobs.pool import process_context
 from sb3_piano.orphans import stop_looking
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing, usable_cores

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError
@@ -15,7 +16,14 @@ from sb3_piano.jobs import Job, finish
 STEPS = 60
 
 
-def count(job: Job) -> dict[str, int]:
+@dataclass(frozen=True, kw_only=True)
+class Counting(Job):
+    """A job that counts up to its ``steps``, with a pause of some seconds before each."""
+
+    pause: float = 0.01
+
+
+def count(job: Counting) -> dict[str, int]:
     """Count to the end from where it was saved last; who counts is noted in a log."""
     saved = job.folder / "saved"
     done = int(saved.read_text()) if saved.exists() else 0
@@ -23,7 +31,7 @@ def count(job: Job) -> dict[str, int]:
         log.write(f"{job.name} {done} {os.getpid()}\n")
     with stop_on_signal() as request:
         while done < job.settings["steps"]:
-            time.sleep(job.options.get("pause", 0.01))
+            time.sleep(job.pause)
             done += 1
             if done % 5 == 0 or request.made:
                 saved.write_text(str(done))
@@ -49,13 +57,13 @@ def jobs_in(folder: Path, work=count, steps: int = STEPS, pause: float = 0.01) -
     """Return four jobs: two, one that needs the first of them, and one that needs that."""
     needs = {"a": (), "b": (), "c": ("a",), "d": ("c",)}
     return [
-        Job(
+        Counting(
             name=name,
             folder=folder / name,
             work=work if name == "a" else count,
             settings={"steps": steps, "of": {"name": name}},
             needs=needs[name],
-            options={"pause": pause},
+            pause=pause,
         )
         for name in needs
     ]

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.jobs import Resources, cluster, map_jobs, open_executor
+from sb3_piano.jobs import cluster, map_jobs, open_executor
 
 ray = pytest.importorskip("ray")
 
@@ -93,11 +93,6 @@ def test_processes_and_a_cluster_at_once_are_refused():
         open_executor(workers=2, ray="auto"),
     ):
         pass
-
-
-def test_resources_are_checked():
-    with pytest.raises(ConfigError, match="num_cpus is -1"):
-        Resources(num_cpus=-1)
 
 
 def test_a_job_can_get_ctrl_c_where_its_node_has_it_ignored():

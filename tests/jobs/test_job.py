@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import counting
@@ -14,7 +15,8 @@ import pytest
 from counting import STEPS, die, jobs_in, log, refuse
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.jobs import Here, Job, finish, open_executor, status
+from sb3_piano.interrupts import StopRequest, stop_on_signal
+from sb3_piano.jobs import Here, Job, finish, map_jobs, open_executor, status
 
 DEADLINE = 120  # s; starting a process takes long where others are at work
 
@@ -35,11 +37,11 @@ def is_alive(pid):
         return False
 
 
-def children(pid):
-    """Return the processes that one has started."""
-    return {
-        int(n) for f in Path(f"/proc/{pid}/task").glob("*/children") for n in f.read_text().split()
-    }
+def descendants(pid):
+    """Return the processes that one has started, and those that they have."""
+    texts = (file.read_text() for file in Path(f"/proc/{pid}/task").glob("*/children"))
+    own = {int(number) for text in texts for number in text.split()}
+    return own.union(*map(descendants, own))
 
 
 @pytest.fixture
@@ -82,16 +84,17 @@ def test_whatever_ends_a_program_the_same_one_does_the_rest(
 ):
     process = program()
     if moment == "starts":  # processes, which import nothing yet
-        wait_for(lambda: len(children(process.pid)) == 2, process)
+        wait_for(lambda: len(descendants(process.pid)) == 2, process)
     else:
         wait_for((tmp_path / "a" / "saved").exists, process)
         wait_for((tmp_path / "b" / "saved").exists, process)
-    workers = children(process.pid)
-    os.kill({"parent": process.pid, "group": -process.pid}.get(whom, min(workers)), number)
+    started = descendants(process.pid)
+    victim = {"parent": process.pid, "group": -process.pid}.get(whom) or log(tmp_path)[0][2]
+    os.kill(victim, number)
     out, err = process.communicate(timeout=DEADLINE)
     assert process.returncode == status_then, err
     assert "Traceback" not in err
-    wait_for(lambda: not any(map(is_alive, workers)))
+    wait_for(lambda: not any(map(is_alive, started)))
     kept = {job.name for job in jobs_in(tmp_path) if job.result() is not None}
     before = len(log(tmp_path))
     if whom == "worker":  # the others, and what does not need its job, went on
@@ -112,7 +115,7 @@ def test_whatever_ends_a_program_the_same_one_does_the_rest(
 SLOW = """
 import os, sys, time
 from sb3_piano.jobs import open_executor
-from sb3_piano.jobs.starting import process_context
+from sb3_piano.jobs.pool import process_context
 
 class Slow:
     def __reduce__(self):
@@ -148,11 +151,18 @@ def test_workers_that_still_import_end_with_a_parent_that_is_killed(tmp_path, wo
 
 
 def test_a_job_that_fails_stops_only_those_that_need_it(tmp_path):
-    told = []
-    found = finish(jobs_in(tmp_path, refuse), Here(), on_outcome=lambda *one: told.append(one))
+    told, states = [], []
+
+    def tell(*one):
+        told.append(one)
+        states.append([one.state for one in status(jobs_in(tmp_path))])  # also meanwhile
+
+    found = finish(jobs_in(tmp_path, refuse), Here(), on_outcome=tell)
+    assert states[1:3] == [["not begun", "finished", "not begun", "not begun"]] * 2
     assert [outcome.state for outcome in found] == ["failed", "finished", "failed", "failed"]
     assert found[0].reason == "steps is 60: expected fewer."
     assert isinstance(found[0].error, ConfigError)
+    assert replace(found[0], error=MemoryError()).reason == "out of memory: MemoryError"
     assert [outcome.reason for outcome in found[2:]] == [
         "It needs 'a', which failed.",
         "It needs 'c', which failed.",
@@ -160,7 +170,8 @@ def test_a_job_that_fails_stops_only_those_that_need_it(tmp_path):
     assert [(one.job.name, *done) for one, *done in told] == [
         (name, number, 4) for number, name in enumerate("abcd", start=1)
     ]
-    assert not (tmp_path / "a").exists()  # so that it may have other settings
+    assert not (tmp_path / "a").exists()
+    jobs_in(tmp_path, steps=10)[0].begin()  # a folder without work may have other settings
     assert [one.state for one in finish(jobs_in(tmp_path), Here())] == ["finished"] * 4
     assert_done(tmp_path)
 
@@ -174,6 +185,8 @@ def test_a_process_that_dies_takes_only_its_own_job_with_it(tmp_path):
         assert "without memory: process " in found[0].reason
         assert found[0].reason.endswith("with fewer workers if need be: once more.")
         finish(jobs_in(tmp_path, die), pool)
+        with pytest.raises(RunError, match="A worker ended before .* with status 9.*: again"):
+            list(map_jobs(pool, os._exit, [9], go_on="again"))
     assert_done(tmp_path)
 
 
@@ -186,19 +199,12 @@ def test_other_settings_than_those_of_before_are_refused_and_the_first_is_named(
 ):
     (job, *_) = jobs_in(tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        finish([Job(**{**vars(job), "work": interrupt})], Here())
-    other = Job(**{**vars(job), "settings": {**job.settings, **changed}})
+        finish([replace(job, work=interrupt)], Here())
+    other = replace(job, settings={**job.settings, **changed})
     with pytest.raises(RunError, match=f"The job 'a' in '.*' has {difference}: expected the same"):
         finish([other], Here())
     assert not log(tmp_path)
     assert finish([job], Here())[0].result == {"steps": STEPS}
-
-
-def test_what_has_only_its_settings_may_have_others(tmp_path):
-    (job, *_) = jobs_in(tmp_path)
-    job.begin()
-    (found,) = finish([Job(**{**vars(job), "settings": {"steps": 10}})], Here())
-    assert found.result == {"steps": 10}
 
 
 def interrupt(job):
@@ -215,24 +221,13 @@ def test_a_folder_with_anything_else_is_refused_and_left_alone(tmp_path):
     assert [path.name for path in job.folder.iterdir()] == ["notes.txt"]
 
 
-def test_the_status_says_how_far_each_is_also_meanwhile(tmp_path):
-    states = []
-
-    def look(*_):
-        states.append([one.state for one in status(jobs_in(tmp_path))])
-
-    finish(jobs_in(tmp_path), Here(), on_outcome=look)
-    assert states[0] == ["finished", "finished", "not begun", "not begun"]
-    assert states[-1] == ["finished"] * 4
-
-
 @pytest.mark.parametrize(
     ("changed", "told"), [({"needs": ("b",)}, "needs 'b'"), ({"name": "b"}, "has the name of")]
 )
 def test_needs_are_jobs_before_and_names_differ(tmp_path, changed, told):
     a, b, *_ = jobs_in(tmp_path)
     with pytest.raises(ConfigError, match=f"Job '[ab]' {told}.*: expected names that differ"):
-        finish([Job(**{**vars(a), **changed}), b], Here())
+        finish([replace(a, **changed), b], Here())
     assert not log(tmp_path)
 
 
@@ -250,6 +245,33 @@ def test_a_second_process_waits_for_the_first_and_does_not_do_it_again(tmp_path)
         both = [pool.submit(Job.do, job) for _ in range(2)]
         assert [one.result() for one in both] == [{"steps": STEPS}] * 2
     assert len(log(tmp_path)) == 1
+
+
+def begin_and_wait(file):
+    with stop_on_signal() as request:
+        file.write_text(str(os.getpid()))
+        while not request.made:
+            time.sleep(0.01)
+    raise KeyboardInterrupt
+
+
+@pytest.mark.slow
+def test_a_pool_that_ends_begins_none_of_the_jobs_that_it_was_given(tmp_path):
+    files = [tmp_path / str(number) for number in range(3)]
+    request = StopRequest()
+
+    def stop():
+        wait_for(files[0].exists)
+        request.made = True
+
+    thread = threading.Thread(target=stop)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt), open_executor(1) as pool:
+        next(map_jobs(pool, begin_and_wait, files, request))
+    thread.join()
+    assert [file.exists() for file in files] == [True, False, False]
+    with pytest.raises(ProcessLookupError):  # which a pool waits for
+        os.kill(int(files[0].read_text()), 0)
 
 
 def test_no_job_begins_after_a_signal(tmp_path):

@@ -5,9 +5,12 @@ from pathlib import Path
 import pytest
 from acting import act_at
 from tiny_curriculum import PENDULUM, write_curriculum
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.training import RunFolder
+
+tables = Tables(__file__)
 
 PIANO = {
     "piece": "hanon-01",
@@ -71,21 +74,7 @@ def test_an_interruption_says_how_to_go_on(capsys):
     assert "sb3-piano evaluate 'my runs/2_Pendulum-v1'" in out
 
 
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        ("", "Expected either a FILE with stages or --resume FOLDER."),
-        ("tiny.yml --resume full", "Expected either a FILE with stages or --resume FOLDER."),
-        ("no.yml", "'no.yml' cannot be read: No such file"),
-        ("tiny.yml --run full", "Folder 'full' is not empty, and holds no curriculum"),
-        ("--resume full", "'full/curriculum.yml' cannot be read: No such file"),
-        ("--resume full --seed 1", "--seed cannot be given with --resume: a curriculum keeps its"),
-        ("--resume full --run other", "--run cannot be given with --resume"),
-        ("--resume full --runs-dir other", "--runs-dir cannot be given with --resume"),
-        ("tiny.yml --seed -1", "seed is -1: expected a whole number, 0 or more"),
-        ("wrong.yml", "'wrong.yml': Unknown setting 'gama' of stage 1. Did you mean 'gamma'"),
-    ],
-)
+@tables("command, message")
 def test_what_is_wrong_is_told_in_one_line(folder, capsys, command, message):
     write({**PENDULUM, "gama": 1}, name="wrong.yml")
     before = sorted(folder.rglob("*"))

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import shutil
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import yaml
 from stable_baselines3 import TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.demonstrations import clone_behaviour
@@ -19,12 +21,14 @@ from sb3_piano.demonstrations.dataset import Transitions
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.jobs import status
 from sb3_piano.lab.distillation import DistillConfig, distill
-from sb3_piano.music import load_score, write_midi
+from sb3_piano.music import load_score
 from sb3_piano.music.library import Library
 from sb3_piano.pipelines import CorpusConfig, record_corpus
 from sb3_piano.pipelines.corpus import corpus_jobs, open_player
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.training import clone
+
+tables = Tables(__file__)
 
 SETTINGS = {
     "pieces": ("FurElise", "scale-CMajor"),
@@ -92,10 +96,10 @@ def test_a_label_is_what_the_player_would_do_in_the_state_that_noise_led_to(corp
     config = CorpusConfig(**SETTINGS)
     data = corpus.dataset(corpus.shards[0])
     (episode,) = data.iterate_episodes([1])
-    what = config.performance(1)
-    assert what.noise == 0.05
-    with open_player(config, what.player) as (player, env):
-        observation, _ = env.reset(seed=what.seed, options={"score": what.score})
+    score, facts = config.performance(1)
+    assert facts["noise"] == 0.05
+    with open_player(config, facts["player"]) as (player, env):
+        observation, _ = env.reset(seed=int(facts["seed"]), options={"score": score})
         state = None
         for step in range(len(episode.actions)):
             assert np.array_equal(observation, episode.observations[step])
@@ -107,7 +111,7 @@ def test_a_label_is_what_the_player_would_do_in_the_state_that_noise_led_to(corp
 
 def test_an_excerpt_is_part_of_its_piece():
     config = CorpusConfig(**SETTINGS)
-    part = config.performance(0).score
+    part = config.performance(0)[0]
     whole = load_score("FurElise")
     assert 0 < len(part.notes) < len(whole.notes)
     assert part.duration <= 1.0 + 1e-9
@@ -149,24 +153,19 @@ def test_a_truncated_shard_is_found_and_made_again_and_nothing_else(executor, tm
     assert again.content == corpus.content
 
 
-def test_another_piece_of_an_imported_name_is_refused(executor, tmp_path, monkeypatch):
+def test_another_piece_of_an_imported_name_and_another_network_of_a_player_are_refused(
+    executor, tmp_path, monkeypatch
+):
     monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
     scale = load_score("scale-CMajor").excerpt(0, 0.5)
     Library().add(scale, "mine", source="here", fingering="none")
-    config = CorpusConfig(pieces="mine", players=("sight-reader",), episodes=1)
+    network = Path(shutil.copyfile(SHIPPED, tmp_path / "net.safetensors"))
+    config = CorpusConfig(pieces="mine", players=(f"sight-reader:model={network}",), episodes=1)
     record_corpus(config, tmp_path / "corpus", executor=executor)
     Library().add(scale.transpose(1), "mine", source="here", fingering="none")
     with pytest.raises(RunError, match=r"has files\.mine \w{64}, not \w{64}: expected"):
         record_corpus(config, tmp_path / "corpus", executor=executor)
-
-
-def test_another_network_of_a_player_is_refused(executor, tmp_path):
-    write_midi(load_score("scale-CMajor").excerpt(0, 0.5), tmp_path / "a.mid")
-    shutil.copyfile(SHIPPED, tmp_path / "net.safetensors")
-    network = tmp_path / "net.safetensors"
-    players = (f"sight-reader:model={network}",)
-    config = CorpusConfig(pieces=str(tmp_path / "a.mid"), players=players, episodes=1)
-    record_corpus(config, tmp_path / "corpus", executor=executor)
+    Library().add(scale, "mine", source="here", fingering="none")
     content = bytearray(network.read_bytes())
     content[-1] ^= 1
     network.write_bytes(content)
@@ -179,16 +178,7 @@ def test_other_settings_in_its_folder_are_refused(corpus):
         record_corpus(CorpusConfig(**{**SETTINGS, "seed": 1}), corpus.folder)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"players": ("nobody",)}, "There is no player or folder 'nobody'"),
-        ({"players": ("sampling:samples",)}, "expected NAME:SETTING=VALUE"),
-        ({"players": ("sampling:samples=[1",)}, r"player is 'sampling:samples=\[1': "),
-        ({"pieces": "studies"}, "No collection is called so either"),
-        ({"noise": (-1.0,)}, r"noise\[0\] is -1.0: expected"),
-    ],
-)
+@tables("changes, message")
 def test_a_wrong_setting_is_named(changes, message):
     with pytest.raises(ConfigError, match=message):
         CorpusConfig(**{**SETTINGS, **changes})
@@ -220,6 +210,7 @@ def test_a_run_is_cloned_from_a_corpus_in_parts_and_plays_its_pieces(corpus, tmp
         clone(str(corpus.folder), prefill=True)
 
 
+@pytest.mark.slow
 def test_a_distillation_begins_from_a_corpus(corpus, executor, tmp_path):
     settings = yaml.safe_load(
         """

@@ -1,6 +1,7 @@
 """Curricula: their YAML files, their stages one after the other, and what stops them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -12,6 +13,7 @@ from acting import act_at
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from tiny_curriculum import NO_PIANO, PENDULUM, SMALL
+from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
@@ -20,6 +22,8 @@ from sb3_piano.locks import hold
 from sb3_piano.pipelines import Curriculum, load_curriculum, run_curriculum
 from sb3_piano.pipelines.curriculum import curriculum_jobs
 from sb3_piano.training import RunFolder, resume, train
+
+tables = Tables(__file__)
 
 DEADLINE = 180  # s; starting a process takes long where others are at work
 
@@ -77,8 +81,9 @@ def run(tmp_path):
     """Return a function that runs the curriculum of a file in one folder."""
 
     def start(file, **options):
-        settings = {"seed": 1, "progress_bar": False, "checkpoint_every": 20, **options}
-        return run_curriculum(load_curriculum(file), tmp_path / "out", **settings)
+        curriculum = replace(load_curriculum(file), seed=options.pop("seed", 1))
+        settings = {"progress_bar": False, "checkpoint_every": 20, **options}
+        return run_curriculum(curriculum, tmp_path / "out", **settings)
 
     return start
 
@@ -101,7 +106,7 @@ def folders(result):
 
 def evaluated(runs):
     """Return after how many steps each stage was evaluated."""
-    return [[e.num_timesteps for e in run.job.evaluations()] for run in runs]
+    return [[*run.job.evaluations()] for run in runs]
 
 
 def flat(file):
@@ -129,25 +134,8 @@ def content(folder):
 
 # What would only be known when a stage begins.
 
-OFTEN = [{"sb3_piano.callbacks.F1Callback": {"eval_freq": "often"}}]
 
-
-@pytest.mark.parametrize(
-    ("stage", "message"),
-    [
-        ({"env": "MountainCarContinuous-v0", "env_kwargs": None}, "Its observation_space is Box"),
-        ({"normalize": True}, "Its normalize is True, that of the stage before False"),
-        ({"gamma": "high"}, "gamma is 'high': expected a finite number"),
-        ({"piece": "hanon-99", "env": None}, "Unknown piece 'hanon-99'"),
-        ({"env_kwargs": {"gravity": 9}}, "cannot be made with env_kwargs"),
-        ({"with_buffer": True, "buffer_size": 90}, "Its buffer_size is 90, that of .* before 500"),
-        ({"with_entropy": False, "ent_coef": 0.1}, "this SAC learns no entropy coefficient"),
-        ({"until": {"f1": 1, "eval_freq": 61}}, "in n_timesteps 60 of 1 environment"),
-        ({"until": {"f1": 1, "eval_freq": 60}, "n_envs": 2}, "60 of 2 environment"),
-        ({"until": {"f1": 1, "eval_freq": 30, "patience": 3}}, "come 2 evaluations"),
-        ({"until": {"f1": 1}, "callback": OFTEN}, "eval_freq is 'often': expected a whole number"),
-    ],
-)
+@tables("stage, message")
 def test_stages_that_do_not_fit_are_refused_before_any_is_trained(
     write, run, tmp_path, stage, message
 ):
@@ -170,7 +158,6 @@ def test_each_stage_starts_from_what_the_one_before_has_learnt(write_piano, run,
     file.write_text(file.read_text().replace("callback: []", f"callback: {SAVES_BEGINNING}"))
     result = run(file)
     assert not result.interrupted
-    assert not result.had_finished
     assert ends(result) == [
         ("1_hanon-01", 80, "budget"),
         ("2_hanon-01", 70, "budget"),
@@ -212,7 +199,7 @@ def test_a_condition_that_is_met_ends_its_stage(write_piano, run):
     ]
     steps = [[25], [25, 50], [25, 50], [0], [0, 30, 40], [0, 20, 40, 60]]
     assert evaluated(result.runs) == steps
-    metrics = result.runs[1].job.evaluations()[0].metrics
+    metrics = result.runs[1].job.evaluations()[25]
     assert {"f1", "onset_f1", "onset_recall"} <= metrics.keys()
     assert SAC.load(folders(result)[0].model_file).num_timesteps == 25
     assert [plugin.path for plugin in folders(result)[4].read_config().callback] == [
@@ -223,15 +210,14 @@ def test_a_condition_that_is_met_ends_its_stage(write_piano, run):
     known = [run.result for run in curriculum_status(result.folder)]
     assert known == [run.result for run in result.runs]
     before = content(result.folder)
-    again = run(file)
-    assert again.had_finished
+    again = run(file, on_stage=lambda stage: pytest.fail(stage.name))
     assert (ends(again), content(result.folder)) == (ends(result), before)
 
 
 def test_a_metric_that_the_environment_does_not_tell_is_named(write, run):
     until = {"f1": 0, "recall": 0, "eval_freq": 9}
     file = write({"env": "OnlyF1-v0", **NO_PIANO, "until": until})
-    with pytest.raises(ConfigError, match="until asks for 'recall', which the evaluations do not"):
+    with pytest.raises(ConfigError, match="Unknown metric 'recall' of until"):
         run(file)
 
 
@@ -289,8 +275,10 @@ def test_paths_that_begin_at_the_working_folder_are_no_obstacle(write, tmp_path,
     stages = [{**PENDULUM, "config": "own.yml"}]
     mapping = {"algo": "sac", "init_from": "source", "stages": stages}
     curriculum = Curriculum.from_mapping(mapping)
-    assert not run_curriculum(curriculum, "out", progress_bar=False).had_finished
-    assert run_curriculum(curriculum, "out", progress_bar=False).had_finished
+    begun = []
+    for _ in range(2):
+        run_curriculum(curriculum, "out", progress_bar=False, on_stage=begun.append)
+    assert len(begun) == 1
     assert source.folder.path == Path("source")
 
 
@@ -331,14 +319,11 @@ def crashed(write_piano, run, tmp_path):
     return again
 
 
-def test_evaluations_of_a_model_that_is_lost_are_forgotten(crashed):
-    assert crashed() == [[10, 20], []]
-
-
-def test_a_condition_that_was_met_before_a_crash_ends_the_stage_with_the_saved_model(
+def test_after_a_crash_evaluations_of_a_lost_model_are_forgotten_and_the_saved_one_may_be_the_last(
     crashed, tmp_path
 ):
-    """As a process leaves it that is killed after its last checkpoint and before its result."""
+    """The second as of a process that is killed after its last checkpoint, before its result."""
+    assert crashed() == [[10, 20], []]
     first = tmp_path / "out" / "1_hanon-01"
     noted = json.loads((first / "evaluations.json").read_text())
     good = noted["evaluations"][0]
@@ -365,18 +350,7 @@ def test_a_stage_that_starts_over_has_no_evaluations(write_piano, run, tmp_path)
 # The folder.
 
 
-@pytest.mark.parametrize(
-    ("stages", "options", "message"),
-    [
-        ([{"gamma": 0.5}, {}], {}, "run '1_Pend.*' in '.*out/1_.*' has gamma None, not 0.5"),
-        ([{"name": "new"}, {}], {}, "Stage 1 of .* has begun as '1_Pendulum-v1': expected"),
-        ([{}, {"with_buffer": True}], {}, "run '2_Pend.*' in .* has with_buffer None, not True"),
-        ([{}], {}, "Stage 2 of .* has begun as '2_Pendulum-v1'"),
-        ([{}, {}], {"algo": "tqc"}, "has algo sac, not tqc"),
-        ([{}, {}], {"init_from": "1"}, "has init_from None, not"),
-        ([{}, {}], {"seed": 2}, "has seed 1, not 2"),
-    ],
-)
+@tables("stages, options, message")
 def test_what_has_begun_keeps_its_settings(begun, write, stages, options, message):
     again, _ = begun
     seed = options.get("seed")
@@ -424,24 +398,6 @@ def test_stages_that_are_changed_have_to_fit_what_has_begun(begun, write):
 def test_one_process_at_a_time_trains_in_a_folder(write, run, tmp_path):
     with (
         hold(tmp_path / "out" / ".lock"),
-        pytest.raises(RunError, match="is being trained by process .* --resume"),
+        pytest.raises(RunError, match="is being trained by process .* --status"),
     ):
         run(write(PENDULUM))
-
-
-def test_without_a_folder_it_is_called_after_the_file_without_a_seed_one_is_drawn(write, tmp_path):
-    curriculum = load_curriculum(write({**PENDULUM, "n_timesteps": 5}))
-    for had_finished in (False, True):
-        result = run_curriculum(curriculum, runs_dir=tmp_path / "runs", progress_bar=False)
-        assert result.had_finished == had_finished
-    assert result.folder == tmp_path / "runs" / "curricula" / "tiny"
-    seed = load_curriculum(result.folder).seed
-    assert folders(result)[0].read_config().seed == seed is not None
-
-
-def test_a_folder_of_an_older_version_is_refused_and_left_alone(write, run, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "curriculum.json").write_text("mine")
-    with pytest.raises(RunError, match="was begun by an older version: expected another folder"):
-        run(write(PENDULUM))
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["curriculum.json"]

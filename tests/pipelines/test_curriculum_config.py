@@ -6,12 +6,15 @@ from pathlib import Path
 import pytest
 import yaml
 from tiny_curriculum import PENDULUM
+from yaml_rows import Tables
 
 from sb3_piano.callbacks import Condition
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.pipelines import Curriculum, Stage, load_curriculum
 from sb3_piano.pipelines.curriculum import check_fit
+
+tables = Tables(__file__)
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "curricula.md").read_text(encoding="utf-8")
@@ -88,21 +91,7 @@ def test_what_is_written_down_is_read_as_the_same(write):
     assert Curriculum.from_mapping(yaml.safe_load(text)) == curriculum
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"stages": []}, r"stages is \[\]: expected a list of stages"),
-        ({"stages": {"piece": "a"}}, "expected a list of stages"),
-        ({"stages": ["hanon-01"]}, "Stage 1: It is 'hanon-01': expected a mapping"),
-        ({"algo": None}, "algo is missing"),
-        ({"algo": "sca"}, "Unknown algorithm 'sca'.*Did you mean 'sac'"),
-        ({"gama": 0.8}, "Unknown key 'gama' of a curriculum. Did you mean 'gamma'"),
-        ({"stage": []}, "Unknown key 'stage' of a curriculum. Did you mean 'stages'"),
-        ({"seed": -1}, "seed is -1: expected a whole number, 0 or more"),
-        ({"with_buffer": True}, "with_buffer is true of stage 1, which starts from nothing"),
-        ({"algo": "ppo", "buffer_size": None}, "Unknown key 'learning_starts' of a curriculum"),
-    ],
-)
+@tables("changes, message")
 def test_a_curriculum_that_is_wrong_is_refused(write, changes, message):
     changes.setdefault("stages", [{"piece": "hanon-01"}])
     stages = changes.pop("stages")
@@ -113,71 +102,27 @@ def test_a_curriculum_that_is_wrong_is_refused(write, changes, message):
         load_curriculum(file)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"until": {"f1": 80}}, r"until.f1 is 80: expected a finite number from 0 to 1"),
-        ({"until": {"f2": 0.8}}, "Unknown key 'f2' of until. Did you mean 'f1'"),
-        ({"until": {"noop_f1": 0.8}}, "Unknown key 'noop_f1' of until"),
-        ({"until": {"wrong_presses_per_second": 0.8}}, "Unknown key 'wrong_presses_per_second'"),
-        ({"until": {"patience": 2}}, "until names no metric: expected one or more"),
-        ({"until": {"f1": 1, "patience": 0}}, "patience is 0: expected a whole number, 1 or more"),
-        ({"until": 0.8}, "until is 0.8: expected a mapping"),
-        ({"untill": {"f1": 1}}, "Unknown setting 'untill' of stage 2. Did you mean 'until'"),
-        ({"gama": 0.8}, "Unknown setting 'gama' of stage 2. Did you mean 'gamma'"),
-        ({"seed": 1}, "Unknown setting 'seed' of stage 2"),
-        ({"settings": {"gamma": 1}}, "Unknown setting 'settings' of stage 2"),
-        ({"env": "Pendulum-v1"}, "It has piece and env: expected one of piece, pieces and env"),
-        ({"piece": None}, "It has nothing to play: expected one of piece, pieces and env"),
-        ({"pieces": 5, "piece": None}, "pieces is 5: expected a list"),
-        ({"with_buffer": "yes"}, "with_buffer is 'yes': expected true or false"),
-    ],
-)
+@tables("changes, message")
 def test_a_stage_that_is_wrong_is_refused(write, changes, message):
     file = write({**PENDULUM}, {"piece": "hanon-01", **changes})
     with pytest.raises(ConfigError, match=f"^'{file}': (Stage 2: )?.*{message}"):
         load_curriculum(file)
 
 
-@pytest.mark.parametrize(
-    ("algo", "second", "message"),
-    [
-        ("sac", {"settings": {"gama": 1}}, "Unknown setting 'gama' of stage 2.*'gamma'"),
-        ("ppo", {"with_buffer": True}, "with_buffer is true of stage 2, but PPO has no replay buf"),
-    ],
-)
+@tables("algo, second, message")
 def test_settings_are_checked_in_python_too(algo, second, message):
     with pytest.raises(ConfigError, match=message):
         Curriculum(algo=algo, stages=(Stage(piece="a"), Stage(piece="b", **second)))
 
 
-@pytest.mark.parametrize(
-    ("values", "patience", "is_met"),
-    [
-        ([], 1, False),
-        ([(0.5, 0.8)], 1, True),
-        ([(0.4, 0.9)], 1, False),
-        ([(0.9, 0.7)], 1, False),
-        ([(0.9, 0.9)], 2, False),
-        ([(0.4, 0.9), (0.5, 0.9)], 1, True),
-        ([(0.4, 0.9), (0.5, 0.9)], 2, False),
-        ([(0.5, 0.9), (0.4, 0.9), (0.5, 0.9)], 2, False),
-        ([(0.1, 0.1), (0.5, 0.9), (0.5, 0.9)], 2, True),
-    ],
-)
+@tables("values, patience, is_met")
 def test_a_condition_is_met_by_all_its_metrics_in_the_last_evaluations(values, patience, is_met):
     condition = Condition(thresholds={"f1": 0.5, "onset_f1": 0.8}, patience=patience)
     evaluations = [{"f1": f1, "onset_f1": onset_f1} for f1, onset_f1 in values]
     assert condition.is_met(evaluations) == is_met
 
 
-@pytest.mark.parametrize(
-    ("condition", "callback", "eval_freq"),
-    [
-        ({"thresholds": {"f1": 1}}, "F1Callback", None),
-        ({"thresholds": {"f1": 0.5, "onset_f1": 1}, "eval_freq": 7}, "OnsetF1Callback", 7),
-    ],
-)
+@tables("condition, callback, eval_freq")
 def test_a_run_without_evaluations_gets_some(condition, callback, eval_freq):
     stage = Stage(piece="hanon-01", settings={"callback": []}, until=Condition(**condition))
     (added,) = stage.run_config("sac").callback

@@ -16,6 +16,7 @@ import pytest
 import torch
 import yaml
 from stable_baselines3 import TD3
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
@@ -24,6 +25,8 @@ from sb3_piano.music import load_score, write_midi
 from sb3_piano.pipelines import SweepConfig, TrainingJob, load_sweep, sweep
 from sb3_piano.training import resume
 from sb3_piano.training.runs.builders import build_model, build_vec_env
+
+tables = Tables(__file__)
 
 SHORT = {
     "algos": ("td3",),
@@ -50,6 +53,10 @@ def assert_same_weights(folder, other):
     assert all(torch.equal(found[name], expected[name]) for name in found)
 
 
+def runs_of(config):
+    return {job.name: job.config for job in config.jobs(Path("sweep"))}
+
+
 def test_cells_are_all_combinations():
     config = SweepConfig(
         algos=("td3", "sac"),
@@ -58,20 +65,20 @@ def test_cells_are_all_combinations():
         settings={"n_timesteps": 9},
         seeds=(0, 3),
     )
-    runs = config.runs()
+    runs = runs_of(config)
     assert len(runs) == 16
-    run = runs["sac_hanon-01_discount", 3]
+    run = runs["sac_hanon-01_discount/seed_3"]
     assert (run.algo, run.seed, run.n_timesteps) == ("sac", 3, 7)
     assert run.algorithm_kwargs["gamma"] == 0.5
     assert run.env_kwargs["score"] == "hanon-01"
-    assert runs["td3_scale-CMajor_plain", 0].n_timesteps == 9
+    assert runs["td3_scale-CMajor_plain/seed_0"].n_timesteps == 9
 
 
 def test_options_of_environments_are_added_to_each_other():
     common = {"env_kwargs": "dict(observation='fingers', physics='reference', score='a')"}
     variants = {"fast": {"env_kwargs": {"physics": "fast"}}}
     config = SweepConfig(pieces=("hanon-01",), settings=common, variants=variants)
-    (run,) = config.runs().values()
+    (run,) = runs_of(config).values()
     assert run.env_kwargs == {"observation": "fingers", "physics": "fast", "score": "hanon-01"}
 
 
@@ -81,10 +88,10 @@ def test_every_cell_of_the_page_can_be_trained(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("sweep.yml").write_text(re.search(r"```yaml\n(.*?)```", page, re.S)[1], "utf-8")
     write_midi(load_score("scale-CMajor"), "my.mid")
-    runs = load_sweep("sweep.yml").runs()
+    runs = runs_of(load_sweep("sweep.yml"))
     assert len(runs) == 2 * 4 * 2 * 3
-    for (_, seed), run in runs.items():
-        if seed == 0:  # from the others it is the same
+    for name, run in runs.items():
+        if name.endswith("/seed_0"):  # from the others it is the same
             small = {**run.algorithm_kwargs, "buffer_size": 10}
             run = dataclasses.replace(run, algorithm_kwargs=small)
             with contextlib.closing(build_vec_env(run)) as venv:
@@ -92,22 +99,10 @@ def test_every_cell_of_the_page_can_be_trained(tmp_path, monkeypatch):
                 venv.reset()
 
 
-@pytest.mark.parametrize(
-    ("changed", "told"),
-    [
-        ({"envs": ()}, "neither pieces nor envs"),
-        ({"algos": ()}, r"algos is \(\): expected at least one entry\."),
-        ({"seed": (0,)}, "Unknown setting 'seed' of SweepConfig"),
-        ({"resources": {"num_cpus": -1}}, "num_cpus is -1"),
-        ({"seeds": (0, 0)}, "Two cells of the sweep"),
-        ({"variants": {}}, r"variants is \{\}: expected at least one entry\."),
-        ({"settings": {"env_kwargs": 3}}, "Cell 'td3_RoboPianist-debug.*env_kwargs is 3"),
-        ({"settings": {"gamma": 7.0, "n_timesteps": 0}}, "Cell 'td3_RoboPianist-debug"),
-    ],
-)
+@tables("changed, told")
 def test_what_is_wrong_with_a_grid_is_told(changed, told):
     with pytest.raises(ConfigError, match=told):
-        SweepConfig(**{**SHORT, **changed}).runs()
+        runs_of(SweepConfig(**{**SHORT, **changed}))
 
 
 def test_a_cell_that_a_callback_ended_is_finished(tmp_path):
@@ -166,7 +161,7 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
     assert [run.result for run in again.runs] == [run.result for run in result.runs]
 
     changed = SweepConfig(**{**SHORT, "settings": {**SHORT["settings"], "gamma": 0.5}})
-    with pytest.raises(RunError, match=r"The run '.*' in '.*' has .*gamma 0.\d+, not 0.5"):
+    with pytest.raises(RunError, match=r"The job '.*' in '.*' has .*gamma 0.\d+, not 0.5"):
         sweep(changed, place, executor=Here())
 
 

@@ -7,7 +7,8 @@ import math
 import optuna
 from optuna.trial import TrialState
 
-from sb3_piano.tuning import Space, StudyConfig, trials
+from sb3_piano.tuning import Space, StudyConfig
+from sb3_piano.tuning import study as of_study
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 
@@ -78,7 +79,7 @@ def by_learning_rate(trial):
 
 def complete_preset(study, value, config=CONFIG):
     """Run the trial that has the settings of the study's entry."""
-    study.enqueue_trial(config.preset_params(), user_attrs={trials.ORIGIN: trials.PRESET})
+    study.enqueue_trial(config.preset_params(), user_attrs={of_study.ORIGIN: of_study.PRESET})
     return complete(study, value, config)
 
 
@@ -93,7 +94,7 @@ def fail(study, reason=None, config=CONFIG):
     """Run a trial that fails with a reason, or whose process is gone."""
     trial = begin(study, config)
     if reason is not None:
-        trial.set_user_attr(trials.FAILURE, reason)
+        trial.set_user_attr(of_study.FAILURE, reason)
     return study.tell(trial, state=TrialState.FAIL)
 
 
@@ -101,7 +102,7 @@ def lose(study, config=CONFIG):
     """Run a trial whose process goes, and queue its settings again."""
     trial = begin(study, config)
     trial.report(0.5, 200)
-    trials.retry(study, study.tell(trial, state=TrialState.FAIL))
+    of_study.retry(study, study.tell(trial, state=TrialState.FAIL))
 
 
 def finished_study(config=CONFIG, n_complete=24):

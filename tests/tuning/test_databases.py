@@ -16,7 +16,7 @@ from optuna.trial import TrialState
 from sb3_piano.exceptions import RunError
 from sb3_piano.tuning import Search, StudyFolder, storage, tune
 from sb3_piano.tuning.storage import open_study, opened_store
-from sb3_piano.tuning.trials import OWNER
+from sb3_piano.tuning.study import OWNER
 
 pytestmark = [
     pytest.mark.slow,

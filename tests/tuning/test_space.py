@@ -13,6 +13,7 @@ import optuna
 import pytest
 import yaml
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+from yaml_rows import Tables
 
 from sb3_piano.envs import DEBUG_IDS, DEFAULT_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
@@ -28,6 +29,8 @@ from sb3_piano.tuning.space import (
     load_space,
     parse_parameter,
 )
+
+tables = Tables(__file__)
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"
@@ -97,21 +100,7 @@ def test_a_discount_is_searched_evenly_in_the_logarithm_of_its_distance_from_1()
     assert gamma.value(math.nextafter(gamma.distribution.high, 1)) == low
 
 
-@pytest.mark.parametrize(
-    ("form", "value", "stored"),
-    [
-        ({"float": [0, 1]}, "5e-1", 0.5),
-        ({"float": [0, 1]}, "low", None),
-        ({"float": [0, 1]}, 1.001, None),
-        ({"float": [0, 1], "step": 0.1}, 0.30000000000000004, 0.30000000000000004),
-        ({"float": [0, 1], "step": 0.1}, 0.25, None),
-        ({"int": [1, 9], "step": 2}, "3", 3),
-        ({"int": [1, 9], "step": 2}, 4, None),
-        ({"int": [1, 9]}, 3.5, None),
-        ({"discount": [0.6, 0.97]}, "0.8", 0.2),
-        ({"discount": [0.6, 0.97]}, 1.5, None),
-    ],
-)
+@tables("form, value, stored")
 def test_a_range_stores_what_it_holds_however_that_is_written(form, value, stored):
     assert parameter(form).stored(value) == stored
 
@@ -132,32 +121,7 @@ def test_neither_what_a_trial_gets_nor_what_it_was_made_of_changes_a_choice():
     assert choice == parameter({"choice": [[64], [128]]})
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (0.5, r"0.5 cannot be searched: it is no float.* Expected \{float: \[1.0e-4"),
-        ({"flaot": [0, 1]}, "Did you mean 'float'"),
-        ({"float": [0, 1], "int": [0, 1]}, "it is no float, int, discount or choice"),
-        ({"int": [1, 2, 3]}, "too many values"),
-        ({"float": [0, 1], "lgo": True}, "unexpected keyword argument 'lgo'"),
-        ({"discount": [0, 0.9], "log": True}, "multiple values for keyword argument 'log'"),
-        ({"float": ["low", 1]}, "float is 'low': expected a finite number"),
-        ({"int": [0, 1.5]}, "int is 1.5: expected a whole number"),
-        ({"int": [0, 4], "step": 1.5}, "step is 1.5: expected a whole number"),
-        ({"float": [2, 1]}, "low <= high"),
-        ({"float": [0, 1], "log": True}, "low > 0"),
-        ({"float": [0, 1], "step": 0}, "step > 0"),
-        ({"float": [0, 1], "step": 0.3}, "not divisible"),
-        ({"discount": [0.9, 1]}, "it is no range of numbers from 0 on, less than 1"),
-        ({"choice": "ab"}, "it has not two values or more"),
-        ({"choice": [1]}, "it has not two values or more"),
-        ({"choice": [64, 128, 64]}, "each once"),
-        ({"choice": [1, True]}, "a mapping gives them labels"),
-        ({"choice": ["[64]", [64]]}, "a mapping gives them labels"),
-        ({"choice": {1: 2, 3: 4}}, "choice has the key 1: expected text"),
-        ({"choice": [1, {2}]}, r"choice\[1\] is a set, which a run's folder cannot hold"),
-    ],
-)
+@tables("value, message")
 def test_what_cannot_be_searched_is_refused_by_name(value, message):
     with pytest.raises(ConfigError, match=f"^Search space: 'tau': .*{message}"):
         parse_parameter("tau", value)
@@ -192,41 +156,16 @@ def test_a_space_is_a_mapping_that_survives_json_and_pickle():
     again = Space(json.loads(json.dumps(SPACE.to_mapping())))
     assert again == SPACE == pickle.loads(pickle.dumps(SPACE)) == copy.deepcopy(SPACE)
     assert again.distributions == SPACE.distributions
-
-
-def test_a_trial_and_what_is_stored_of_it_give_the_same_settings():
-    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=1))
-    settings = SPACE.suggest(study.ask())
-    assert settings.keys() == SPACE.keys()
-    params = study.trials[0].params
-    assert params.keys() == SPACE.distributions.keys() == {*SETTINGS, "1 - gamma"} - {"gamma"}
-    assert study.trials[0].distributions == SPACE.distributions
-    assert SPACE.settings(params) == settings
     assert SPACE.settings({"batch_size": 64, "other": 1}) == {"batch_size": 64}
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({}, r"^Search space: \{\} cannot be searched: expected a mapping"),
-        ([("tau", 1)], r"^Search space: \[.* cannot be searched: expected a mapping"),
-        ({"seed": {"int": [1, 2]}}, "none of algo, .* seed, which all trials share"),
-        ({"tau": {"float": [1, 0]}}, "^Search space: 'tau': "),
-    ],
-)
+@tables("given, message")
 def test_a_space_that_makes_no_sense_is_refused(given, message):
     with pytest.raises(ConfigError, match=message):
         Space(given)
 
 
-@pytest.mark.parametrize(
-    "entry",
-    [
-        {},
-        {"policy_kwargs": "dict(n_critics=1)", "env_wrapper": ["gymnasium.wrappers.RescaleAction"]},
-        {"policy_kwargs": None, "env_kwargs": None, "env_wrapper": None},
-    ],
-)
+@tables("entry")
 def test_an_enqueued_trial_has_the_settings_of_the_entry(entry):
     params = SPACE.params_of("sac", ENV_ID, with_settings({**ENTRY, **entry}, SETTINGS))
     assert params["1 - gamma"] == 0.2
@@ -235,24 +174,7 @@ def test_an_enqueued_trial_has_the_settings_of_the_entry(entry):
     assert SPACE.suggest(study.ask()) == SETTINGS
 
 
-@pytest.mark.parametrize(
-    ("entry", "params"),
-    [
-        ({}, {"learning_rate": 3e-4}),  # SAC's own; 0.99, 256 and 10 are not searched
-        ({"gamma": "0.8"}, {"learning_rate": 3e-4, "1 - gamma": 0.2}),
-        ({"learning_rate": "lin_0.001", "gamma": 0.99, "batch_size": 32}, {}),
-        (
-            {"learning_rate": 1, "policy_kwargs": "dict(activation_fn=torch.nn.Tanh)"},
-            {"policy_kwargs.activation_fn": "nn.Tanh"},
-        ),
-        (
-            {"learning_rate": 1, "batch_size": "128", "policy_kwargs": {"net_arch": (64, 64)}},
-            {"batch_size": 128, "policy_kwargs.net_arch": "[64, 64]"},
-        ),
-        ({"learning_rate": 1, "env_wrapper": {STRETCH: {"factor": 3}}}, {}),
-        ({"learning_rate": 1, "env_kwargs": {"n_steps_lookahead": 5}}, {"n": 5}),
-    ],
-)
+@tables("entry, params")
 def test_defaults_count_and_what_lies_outside_is_left_out(entry, params):
     params = {"env_kwargs.n_steps_lookahead" if k == "n" else k: v for k, v in params.items()}
     assert SPACE.params_of("sac", ENV_ID, {**ENTRY, **entry}) == params
@@ -282,17 +204,7 @@ def test_a_space_comes_from_names_and_files_of_which_the_last_one_counts(tmp_pat
     assert load_space([], "tqc") == SPACES["tqc"]
 
 
-@pytest.mark.parametrize(
-    ("text", "sources", "message"),
-    [
-        (None, ["a.yml"], "a.yml' cannot be read: No such file"),
-        ("{}", ["a.yml"], r"a.yml': Search space: \{\} cannot be searched"),
-        ("[]", ["a.yml"], "a.yml' holds list at the top level"),
-        ("tau: {flaot: [0, 1]}", ["a.yml"], "a.yml': Search space: 'tau': .* Did you mean 'float'"),
-        (None, ["saq"], "^Unknown search space 'saq'. Did you mean 'sac'.*YAML"),
-        (None, [], "^Unknown search space 'a2c'"),
-    ],
-)
+@tables("text, sources, message")
 def test_what_holds_no_space_is_named(tmp_path, monkeypatch, text, sources, message):
     monkeypatch.chdir(tmp_path)
     if text is not None:
@@ -366,40 +278,14 @@ def check(text, entry=None, algo="td3"):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("gama: {float: [0, 1]}", "'gama': 0.0}: Unknown key 'gama' of TD3. Did you mean 'gamma'"),
-        ("batch_size: {float: [1, 9.5]}", "'batch_size': 9.5}: .* expected a whole number."),
-        ("policy_kwargs.dropout: {float: [0, 1]}", "'policy_kwargs.dropout': 0.0}: .*Unknown key"),
-        ("policy: {choice: [MlpPolicy, MlPolicy]}", "'policy': 'MlPolicy'}: Unknown policy"),
-        ("noise_std: {float: [0.1, 0.2]}", "'noise_std': 0.1}: noise_type is None and noise_std"),
-        ("env_kwargs.n_lookahed: {int: [1, 2]}", "'env_kwargs.n_lookahed': 1}: Unknown option"),
-        ("env_wrapper.TemporalStretch.factor: {float: [0, 1]}", ".*: factor is 0.0: expected "),
-        ("env_wrapper.Stretch.x: {float: [1, 2]}", ".*: .*'sb3_piano.wrappers.Stretch'"),
-        ("env_wrapper.TemporalStretch: {float: [1, 2]}", ".*: .* is no entry for env_wrapper"),
-        ("train_freq: {int: [0, 2]}", "'train_freq': 0}: train_freq is 0: expected "),
-        ("gamma: {float: [0.9, 1.5]}", "'gamma': 1.5}: gamma is 1.5: expected "),
-        ("'1 - gamma': {float: [0, 1]}", ".*: Unknown key '1 - gamma' of TD3"),
-    ],
-)
+@tables("text, message")
 def test_unknown_settings_and_impossible_values_are_told_before_anything_is_trained(text, message):
     with pytest.raises(ConfigError, match=f"^Search space, with {{{message}"):
         check(text)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "text",
-    [
-        "{gamma: {float: [0, 1]}, tau: {float: [0, 1]}, gradient_steps: {choice: [-1, 1]}}",
-        "{train_freq: {choice: [1, [1, episode]]}}",
-        "{noise_std: {float: [0, 0.2]}, noise_type: {choice: [normal, ornstein-uhlenbeck]}}",
-        "{env_wrapper.FingeringDecay.start: {int: [0, 9]}, "
-        "env_wrapper.FingeringDecay.n_steps: {int: [1, 9]}}",
-        "{normalize: {choice: [true, false]}, n_envs: {int: [1, 4]}}",
-    ],
-)
+@tables("text")
 def test_what_is_possible_passes_also_settings_that_only_go_together(text):
     check(text)
 

@@ -14,13 +14,15 @@ import pytest
 import sqlalchemy
 from optuna.exceptions import ExperimentalWarning
 from optuna.trial import TrialState
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.tuning import storage
 from sb3_piano.tuning.space import Space
 from sb3_piano.tuning.storage import open_study, opened_store
-from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder
-from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART
+from sb3_piano.tuning.study import ORIGIN, PRESET, PRESET_IN_PART, Search, StudyConfig, StudyFolder
+
+tables = Tables(__file__)
 
 # Optuna means ask and tell, with which no heart beats.
 pytestmark = pytest.mark.filterwarnings("ignore:Heartbeat of storage:UserWarning")
@@ -229,23 +231,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
 # Databases.
 
 
-@pytest.mark.parametrize(
-    ("url", "message"),
-    [
-        ("nonsense", "'nonsense' cannot be used: Could not parse.* such as postgresql"),
-        ("sqlite:///study.db", "SQLite is not for several machines"),
-        ("postgres://host/name", "sqlalchemy.dialects:postgres"),
-        ("postgresql+asyncpg://host/name", r"No module named 'asyncpg'.*'.\[postgresql\]'"),
-        # Passwords, which are never shown.
-        ("postgresql//me:pass@host/name", "'...' cannot be used"),
-        ("postgresql+psycopg://me:pass/word@host:pass/name", "cannot be used"),
-        ("postgres://me:pass@host/name", "me:.*@host/name' cannot be used"),
-        ("postgresql+asyncpg://me@host/name?password=pass", "me@host/name' cannot be used"),
-        ("postgresql+psycopg://me:pass@127.0.0.1:1/name", "me:.*@127.0.0.1:1/name' cannot be used"),
-        ("postgresql+psycopg://me@127.0.0.1:1/name?password=pass", "/name' cannot be used"),
-        ("sqlite:///study.db?password=pass", "SQLite is not for several machines"),
-    ],
-)
+@tables("url, message")
 def test_what_is_no_database_for_this_is_refused_without_its_password(url, message, folder):
     with pytest.raises(RunError, match=f"^Database .*{message}") as caught:
         open_store(url, folder)
@@ -253,14 +239,7 @@ def test_what_is_no_database_for_this_is_refused_without_its_password(url, messa
         assert secret not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("part", "message"),
-    [
-        ({"database": "nowhere"}, '/nowhere.* database "nowhere" does not exist. Expected'),
-        ({"username": "nobody"}, 'role "nobody" does not exist. Expected'),
-        ({"username": "guest"}, "permission denied for schema public. Expected a server"),
-    ],
-)
+@tables("part, message")
 def test_a_database_that_cannot_be_used_is_named(part, message, database_url, folder):
     execute(database_url, "DROP ROLE IF EXISTS guest", "CREATE ROLE guest LOGIN")
     url = sqlalchemy.make_url(database_url).set(**part).render_as_string()

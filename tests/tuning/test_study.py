@@ -7,12 +7,28 @@ from pathlib import Path
 
 import optuna
 import pytest
+from finished_study import (
+    CONFIG,
+    begin,
+    complete,
+    complete_preset,
+    fail,
+    finished_study,
+    lose,
+    new_study,
+    prune,
+)
 from optuna.distributions import CategoricalDistribution, FloatDistribution
+from optuna.exceptions import ExperimentalWarning
 from optuna.trial import TrialState
 from small_study import small_study
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.tuning.study import Search, StudyConfig, make_pruner, make_sampler
+from sb3_piano.tuning import study as of_study
+from sb3_piano.tuning.study import ORIGIN, PRESET, Search, StudyConfig, make_pruner, make_sampler
+
+tables = Tables(__file__)
 
 MIDI_FILE = Path(__file__).parents[1] / "data" / "five_fingers.mid"
 
@@ -121,27 +137,14 @@ def rising(study: optuna.Study, of: StudyConfig, count: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("pruner", "n_evaluations", "seeds", "steps"),
-    [
-        ("median", 5, (0,), {40}),
-        ("median", 5, (0, 1, 2), {40}),
-        ("median", 2, (0,), {100}),
-        ("median", 1, (0, 1, 2), {100}),
-        ("halving", 5, (0,), {40}),
-        ("halving", 1, (0, 1, 2), {100}),
-        ("hyperband", 5, (0,), {20, 60}),
-        ("hyperband", 5, (0, 1, 2), {20, 60, 180}),
-        ("none", 5, (0,), {None}),
-    ],
-)
+@tables("pruner, n_evaluations, seeds, steps")
 def test_a_bad_trial_is_pruned_at_the_first_evaluation_that_counts(
     pruner, n_evaluations, seeds, steps
 ):
-    of = config(n_evaluations, seeds)
+    of = config(n_evaluations, tuple(seeds))
     study = study_of(Search(pruner=pruner), of)
     rising(study, of, 20)  # hyperband shares them out among its brackets
-    assert {told(study, of, 0.1) for _ in range(20)} == steps
+    assert {told(study, of, 0.1) for _ in range(20)} == {*steps}
 
 
 @pytest.mark.slow
@@ -150,3 +153,57 @@ def test_the_median_needs_half_of_the_startup_trials_to_be_complete():
     rising(study, config(), 2)
     assert told(study, config(), 0.1) is None
     assert told(study, config(), 0.05) == 40
+
+
+# Which trials count, and which are run again: those whose process was gone, some times.
+
+
+@pytest.fixture
+def study():
+    return new_study()
+
+
+def test_settings_of_a_trial_whose_process_was_gone_are_queued_with_its_origin(study, recwarn):
+    study.enqueue_trial({"batch_size": 64}, user_attrs={ORIGIN: PRESET})
+    lose(study)
+    lost, again = study.trials
+    assert of_study.failure_of(lost).startswith("its process ended: ")
+    assert (again.state, again.params) == (TrialState.WAITING, lost.params)
+    assert (again.user_attrs, again.intermediate_values) == ({ORIGIN: PRESET}, {})
+    assert of_study.repeated(study.trials) == {0}
+    trial = begin(study)
+    assert (trial.number, trial.params) == (1, lost.params)
+    assert [trial.number for trial in of_study.counting(study)] == [1]
+    assert not [found for found in recwarn if issubclass(found.category, ExperimentalWarning)]
+
+
+def test_settings_are_tried_four_times_and_then_count_as_failed(study):
+    for _ in range(4):
+        lose(study)
+    assert [trial.state for trial in study.trials] == [TrialState.FAIL] * 4
+    assert [trial.number for trial in of_study.counting(study)] == [3]
+    assert len({trial.params["learning_rate"] for trial in study.trials}) == 1
+
+
+def test_the_best_trial_is_the_complete_one_with_the_highest_value_the_first_of_equals(study):
+    complete_preset(study, 0.0)
+    assert of_study.best_first(study.trials)[0].value == 0.0
+    complete(study, 0.3)
+    prune(study, 0.9)
+    complete(study, 0.5)
+    complete(study, 0.5)
+    begin(study).report(0.99, 200)
+    assert [trial.number for trial in of_study.best_first(study.trials)] == [3, 4, 1, 0]
+    assert of_study.best_first(study.trials)[0].number == study.best_trial.number
+    assert of_study.preset_trial(study.trials).number == 0
+    assert CONFIG.space.settings(of_study.preset_trial(study.trials).params)["gamma"] == 0.8
+    assert fail(study, "ValueError: no").state is TrialState.FAIL
+    assert of_study.failure_of(study.trials[-1]) == "ValueError: no"
+
+
+def test_a_summary_says_how_many_trials_there_are_and_how_good():
+    study = finished_study(n_complete=6)
+    text = of_study.summary(of_study.counting(study), "final f1")
+    assert text.startswith("9 trials (1 running, 1 pruned, 2 failed), highest final f1 0.")
+    assert of_study.summary([], "final f1") == "0 trials"
+    assert {trial.state for trial in study.trials} == set(TrialState)

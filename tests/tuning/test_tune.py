@@ -26,6 +26,7 @@ from small_study import (
     small_study,
     wrapped,
 )
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.envs import GENERAL_ID
@@ -34,7 +35,9 @@ from sb3_piano.locks import hold
 from sb3_piano.training import RunFolder, load_config
 from sb3_piano.tuning import StudyFolder, tune
 from sb3_piano.tuning.storage import opened_store
-from sb3_piano.tuning.trials import counting
+from sb3_piano.tuning.study import counting
+
+tables = Tables(__file__)
 
 pytestmark = pytest.mark.slow
 
@@ -256,20 +259,7 @@ def test_a_study_that_another_process_runs_is_refused(capsys):
     assert re.search(r"is being run by process \d+ on .*: expected one command", found)
 
 
-@pytest.mark.parametrize(
-    ("more", "reason"),
-    [
-        (["--sampler", "tpee"], "sampler is 'tpee'"),
-        (["--space", "sacc"], "Did you mean 'sac'"),
-        (["--eval-seed", "0"], "eval_seed is 0"),
-        (["--midi", str(MIDI_FILE)], "--midi cannot be given with --env"),
-        (["--storage", "sqlite:///x.db"], "SQLite"),
-        (["--storage", "nowhere"], "Database 'nowhere' cannot be used"),
-        (["--name", "../elsewhere"], "--name is '../elsewhere': expected the name of a folder in"),
-        (["--name", ".."], "--name is '..': expected the name of a folder in --studies-dir"),
-        (["--name", ""], "--name is '': expected the name of a folder in --studies-dir"),
-    ],
-)
+@tables("more, reason")
 def test_a_wrong_option_is_told_in_one_line(more, reason, capsys):
     assert reason in error(capsys, *more)
 

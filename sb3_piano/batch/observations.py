@@ -113,11 +113,10 @@ class HandObservations(Observations):
         self._joint_sign = self._number(encoding.joint_sign)
         self._slider, self._slope = encoding.slider, encoding.slope
         self._middle = encoding.hands[0].middle
-        keys = encoding.keys
-        self._nearest, self._lowest = self._index(keys.nearest), keys.lowest
+        self._nearest, self._lowest = self._index(encoding.nearest), encoding.lowest
         self._places = self._number(encoding.places.y)
-        self._black = self._number(keys.black).float()
-        self._around = self._index(keys.around)
+        self._black = self._number(encoding.black).float()
+        self._around = self._index(encoding.around)
 
     def write(self, row: Tensor) -> Tensor:
         """Return the observations; see :meth:`Observations.write`."""

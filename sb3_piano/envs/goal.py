@@ -41,7 +41,7 @@ class Goal:
         self.source = score
         """The score as given."""
         self.score = score = fingered(part_of_hands(score, config), config)
-        self.roll = roll_of(score, config)
+        self.roll: PianoRoll = roll_of(score, config)
         """Piano roll to play, by which the metrics judge."""
         self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll
         """Goals of the state at the end of each control step; see ``goal_time``."""
@@ -50,7 +50,7 @@ class Goal:
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
         if not config.sides:
             self.fingering_reward = "off"
-        self.forearm_reward = config.forearm_reward
+        self.forearm_reward: bool = config.forearm_reward
         self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
         """Goal of each control step."""
         self.terms = tuple(config.reward_weights)

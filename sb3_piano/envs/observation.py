@@ -24,7 +24,7 @@ class ObservationBlock:
 
     name: str
     """Name of the block, by which wrappers find it."""
-    shape: tuple[int, ...]
+    shape: tuple[int, ...] = (1,)
     """Shape of the block before flattening (row-major)."""
     unit: str = "1"
     """Unit of its numbers; "1" for pure numbers."""

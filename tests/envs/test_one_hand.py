@@ -93,7 +93,7 @@ def test_a_hand_alone_earns_nothing_for_forearms_and_the_highest_return_knows():
     for env, share in ((alone, 0), (both, 0.5)):
         *_, (*_, info) = steps_of(env, lambda _, env=env: env.rest_action)
         assert info["return_forearm"] == share * len(both.roll)
-    highest = [env._goal.highest_return for env in (alone, both)]
+    highest = [env.goal.highest_return for env in (alone, both)]
     assert highest[0] == highest[1] - 0.5 * len(both.roll)
 
 

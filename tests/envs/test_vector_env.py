@@ -208,13 +208,13 @@ def test_wrong_arguments_are_named(arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"seed": [1, 2]}, ConfigError, "seed has 2 numbers: expected one number, or one for"),
+        ({"seed": [1, 2]}, ConfigError, "seed has 2 entries: expected one seed, or one for"),
         ({"options": {"score": SCORES[:2]}}, ConfigError, "score has 2 entries: expected one"),
         ({"options": {"scoer": SCORES}}, ConfigError, "Unknown reset option 'scoer'"),
         ({"options": {"score": "a/b.mid"}}, ScoreError, "b.mid"),
         ({"options": {"reset_mask": [True] * 3}}, ConfigError, "expected a numpy array of 3 bool"),
         ({"options": {"reset_mask": np.ones(2, bool)}}, ConfigError, "a numpy array of 3 bool"),
-        ({"options": {"reset_mask": np.zeros(3, bool)}}, ConfigError, "has no True: expected at"),
+        ({"options": {"reset_mask": np.zeros(3, bool)}}, ConfigError, "of 3 bool with at least one True"),
         (
             {"options": {"reset_mask": np.array([True, False, True])}},
             EnvStateError,

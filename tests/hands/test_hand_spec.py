@@ -64,7 +64,7 @@ def test_roles_are_those_of_hand_yml():
         ("height: 0.0187", "height: -1", r"height.*-1.*above 0"),
         ("  thumb: [thmiddle, thdistal]\n", "", "fingers are index.*expected thumb, index"),
         ("{along: forearm_tx, across", "{across", "no 'along'"),
-        ("gaps: [0.012, ", "gaps: [", r"gaps.*3 distances: expected 4"),
+        ("gaps: [0.012, ", "gaps: [", r"reach.'gaps'. does not fit 5 fingers: expected 4"),
         ("    - [0, 0, 0, 0, 0.012]\n", "", "reach.'nearest'. does not fit 5 fingers"),
         ("prefix: {", "prefix: [", "is no YAML"),
         ("left: lh_}", "left: rh_}", "prefix is.*expected two texts"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -208,8 +208,7 @@ def _write_joints(qpos: IntArray, out: Float32Array, now: Now) -> None:
     out[:] = now.simulation.qpos[qpos]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FingerGoals:
+class FingerGoals(NamedTuple):
     """Present or next note of each of ten fingers in T control steps."""
 
     key: IntArray
@@ -235,11 +234,8 @@ class FingerGoals:
         onset, release = _steps_until(held >= 0, horizon), _steps_until(ends, horizon) + 1
         key = np.take_along_axis(held, np.minimum(steps + onset, len(roll) - 1), axis=0)
         seen = onset <= horizon
-        return cls(
-            key=np.where(seen, key, -1),
-            onset=np.where(seen, onset, horizon),
-            release=np.where(seen, np.minimum(release, horizon), horizon),
-        )
+        release = np.where(seen, np.minimum(release, horizon), horizon)
+        return cls(np.where(seen, key, -1), np.where(seen, onset, horizon), release)
 
 
 def _steps_until(events: BoolArray, horizon: int) -> IntArray:

@@ -373,15 +373,10 @@ class PianoEnv(gym.Env[Any, Any]):
                 if self.render_mode == "human"
                 else PerformanceRenderer(self.scene, **size, view=config.view)
             )
-        due, fingers = self.goal.roll.due(max(self._record.steps - 1, 0))
-        seen = Moment(
-            qpos=self.data.qpos,
-            step=self._record.steps,
-            due=due,
-            fingers=fingers,
-            sounding=self.key_active,
-            f1=self._record.f1(),
-        )
+        step, f1 = self._record.steps, self._record.f1()
+        due, fingers = self.goal.roll.due(max(step - 1, 0))
+        qpos, sounding = self.data.qpos, self.key_active
+        seen = Moment(qpos=qpos, step=step, due=due, fingers=fingers, sounding=sounding, f1=f1)
         return self._renderer.render(self.goal.roll, self.score.title, seen)
 
     def close(self) -> None:

@@ -214,7 +214,11 @@ def test_wrong_arguments_are_named(arguments, message):
         ({"options": {"score": "a/b.mid"}}, ScoreError, "b.mid"),
         ({"options": {"reset_mask": [True] * 3}}, ConfigError, "expected a numpy array of 3 bool"),
         ({"options": {"reset_mask": np.ones(2, bool)}}, ConfigError, "a numpy array of 3 bool"),
-        ({"options": {"reset_mask": np.zeros(3, bool)}}, ConfigError, "of 3 bool with at least one True"),
+        (
+            {"options": {"reset_mask": np.zeros(3, bool)}},
+            ConfigError,
+            "of 3 bool with at least one True",
+        ),
         (
             {"options": {"reset_mask": np.array([True, False, True])}},
             EnvStateError,

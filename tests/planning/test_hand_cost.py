@@ -84,9 +84,13 @@ def test_the_quadratic_model_is_that_of_finite_differences(hand, full):
 def test_a_fingertip_inside_the_row_of_black_keys_costs_unless_it_plays_one(hand, playing):
     kinematics, inside = hand_of(scene_of(), hand), at_rest(hand)
     free = inside.copy()
-    free[0, kinematics.names.index("forearm_ty")] = kinematics.low[kinematics.names.index("forearm_ty")]
+    free[0, kinematics.names.index("forearm_ty")] = kinematics.low[
+        kinematics.names.index("forearm_ty")
+    ]
     # Towards the keys' hinges.
-    inside[0, kinematics.names.index("forearm_ty")] = kinematics.high[kinematics.names.index("forearm_ty")]
+    inside[0, kinematics.names.index("forearm_ty")] = kinematics.high[
+        kinematics.names.index("forearm_ty")
+    ]
     frames = no_frames()
     frames.weight[:] = float(playing)
     assert total(cost_of(hand, frames), free, "wall") == 0, "in front of them"

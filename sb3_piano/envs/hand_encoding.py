@@ -51,12 +51,14 @@ PRESSES_AHEAD = 2
 MOST_TIME = 2.0
 """Largest observed time to a press, ahead or back, s."""
 
+FASTEST = 50.0
+"""Largest observed velocity, rad/s, or m/s."""
+
 CLIP = 10.0
 """Networks clip standardised observations here, so that no outlier dominates the others."""
 
 _CM_PER_M = 100.0
 _FULL_WEIGHT = 10.0  # of a key frame across the keys, per m
-_FASTEST = 50.0  # rad/s, or m/s
 _AROUND = np.array([-1, 0, 1])  # keys around a finger that are shown
 _MARGIN = 1  # keys added beyond both ends of the keyboard, so that each key has neighbours
 _GRID = 1e-3  # of the table of keys by place, m
@@ -123,12 +125,12 @@ class HandEncoding(Encoding):
         add(_write_positions, low, high, unit, name="positions", shape=joints, meaning=meaning)
         unit, meaning = (
             "rad/s, m/s of sliders",
-            f"velocities of the joint positions, clipped at {_FASTEST:g}",
+            f"velocities of the joint positions, clipped at {FASTEST:g}",
         )
         add(
             _write_velocities,
-            -_FASTEST,
-            _FASTEST,
+            -FASTEST,
+            FASTEST,
             unit,
             name="velocities",
             shape=joints,
@@ -337,7 +339,7 @@ def _write_positions(out: Float32Array, now: _Moment) -> None:
 
 
 def _write_velocities(out: Float32Array, now: _Moment) -> None:
-    out[:] = np.minimum(np.maximum(now.velocities, -_FASTEST), _FASTEST)
+    out[:] = np.minimum(np.maximum(now.velocities, -FASTEST), FASTEST)
 
 
 def _write_fingertips(out: Float32Array, now: _Moment) -> None:

@@ -39,8 +39,8 @@ from sb3_piano.viewing.moment import Moment
 
 Observation = npt.NDArray[np.float32]
 
-# RoboPianist's range for the random offset of both hands along the keyboard, m.
-_HAND_OFFSET = 0.05
+HAND_OFFSET = 0.05
+"""RoboPianist's range for the random offset of both hands along the keyboard, m."""
 
 # Keys that the window shows beyond those of the piece on either side. A finger that misses is
 # likely to press one of them.
@@ -280,7 +280,7 @@ class PianoEnv(gym.Env[Any, Any]):
         if self.config.randomize_hand_positions:
             # RoboPianist moves the bases of both hands. Moving their sliders instead starts the
             # hands in the same place, and leaves their reach and the model unchanged.
-            offset = self.np_random.uniform(-_HAND_OFFSET, _HAND_OFFSET)
+            offset = self.np_random.uniform(-HAND_OFFSET, HAND_OFFSET)
             self.data.qpos[self.scene.slider_qpos] = offset
         mujoco.mj_step1(self.model, self.data)
         self.simulation.read()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
+import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -76,7 +78,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         _check_same_size(envs)
         # Built first, so that errors have this package's messages.
         limited: list[Any] = envs if limit is None else [TimeLimit(env, limit) for env in envs]
-        super().__init__([lambda env=env: env for env in limited], autoreset_mode=mode)
+        super().__init__([functools.partial(_same, env) for env in limited], autoreset_mode=mode)
         self._env_obs: list[Any] = [None] * num_envs
         self._slot_infos: list[list[dict[str, Any]]] = [[] for _ in envs]
 
@@ -217,6 +219,10 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
                     f"Environment {slot} has never been reset: expected True for it in reset_mask."
                 )
         return mask
+
+
+def _same(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+    return env
 
 
 def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:

@@ -224,9 +224,9 @@ class HandSpec:
 
     def role(self, joint: str) -> Role:
         """Return the role of a joint, given its short name."""
+        other: Role = "abduction" if joint in self.abduction else "finger"
         roles: dict[str, Role] = {name: role for role, name in self.forearm.joints.items()}
-        roles |= dict.fromkeys(self.wrist, "wrist") | dict.fromkeys(self.abduction, "abduction")
-        return roles.get(joint, "finger")
+        return "wrist" if joint in self.wrist else roles.get(joint, other)
 
 
 def find_hand(hand: str | os.PathLike[str] = DEFAULT_HAND) -> HandSpec:

@@ -115,11 +115,7 @@ def scene_parts(
         world.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     _furnish(world)
     piano = keyboard.build_keyboard(
-        balanced=profile.balanced_keys,
-        rebound=profile.key_rebound,
-        gravity=not weightless,
-        moving_keys=moving_keys,
-        driven=not sides,
+        profile, gravity=not weightless, moving_keys=moving_keys, driven=not sides
     )
     hands = [
         build_hand(

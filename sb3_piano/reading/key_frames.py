@@ -59,7 +59,7 @@ class KeyFrames(NamedTuple):
 
     def between(self, start: int, stop: int | None) -> KeyFrames:
         """Return the targets of the states from ``start`` to ``stop``."""
-        return self._make(array[start:stop] for array in self)
+        return KeyFrames._make(array[start:stop] for array in self)
 
 
 def key_frames(

@@ -123,18 +123,14 @@ class HandEncoding(Encoding):
         low, high, joints = lowest - JOINT_OVERSHOOT, highest + JOINT_OVERSHOOT, lowest.shape
         unit, meaning = "rad, m of sliders", JOINTS_MEANING
         add(_write_positions, low, high, unit, name="positions", shape=joints, meaning=meaning)
-        unit, meaning = (
-            "rad/s, m/s of sliders",
-            f"velocities of the joint positions, clipped at {FASTEST:g}",
-        )
         add(
             _write_velocities,
             -FASTEST,
             FASTEST,
-            unit,
+            "rad/s, m/s of sliders",
             name="velocities",
             shape=joints,
-            meaning=meaning,
+            meaning=f"velocities of the joint positions, clipped at {FASTEST:g}",
         )
         add(
             _write_fingertips,
@@ -246,10 +242,8 @@ class HandEncoding(Encoding):
         weight = ahead([hand.frames.weight[..., 1] for hand in hands], FRAMES_AHEAD)  # per m
         frames = np.zeros((*weight.shape, 4))
         frames[..., 3] = weight / _FULL_WEIGHT
-        there, now = (
-            presses[..., _THERE, None] > 0,
-            steps[:, None, None, None, None] * self._timestep,
-        )
+        there = presses[..., _THERE, None] > 0
+        now = steps[:, None, None, None, None] * self._timestep
         self._press_key, self._there = presses[..., _KEY].astype(np.intp), there[..., 0]
         shown = np.zeros(presses.shape)
         times = presses[..., _TIMES] * self._timestep

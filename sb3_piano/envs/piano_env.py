@@ -465,15 +465,11 @@ class PianoEnv(gym.Env[Any, Any]):
     # Internals.
 
     def _check_physics(self, physics: npt.NDArray[np.float64]) -> None:
-        size = self.simulation.state_size
-        if np.shape(physics) != (size,):
+        found, size = np.asarray(physics), self.simulation.state_size
+        if found.shape != (size,) or found.dtype.kind != "f" or not np.isfinite(found).all():
             raise EnvStateError(
-                f"The state holds {np.size(physics)} physics numbers but this environment has "
-                f"{size}: expected a state of an environment with the same options."
-            )
-        if np.asarray(physics).dtype.kind != "f" or not np.isfinite(physics).all():
-            raise EnvStateError(
-                "The state's physics are no finite numbers: expected what get_state() returned."
+                f"The state holds {found.size} physics numbers, or they are not finite, but this "
+                f"environment has {size}: expected a state of an environment with the same options."
             )
 
     def _build(self, moving: KeyWindow) -> None:

@@ -42,14 +42,6 @@ class TestSpaces:
         names = env.unwrapped.observation_layout
         assert not any(name.startswith(OTHER[side]) for name in names)
 
-    @pytest.mark.parametrize(("reduced", "actions", "joints"), [(True, 20, 23), (False, 23, 26)])
-    def test_actions_and_joints_are_those_of_a_hand(self, side, reduced, actions, joints):
-        env = PianoEnv(SCALE, hands_in_scene=side, reduced_action_space=reduced)
-        assert env.action_space.shape == (actions,)
-        assert env.model.nq == 88 + joints
-        assert env.observation_layout[f"{side}_joints"].shape == (joints,)
-        assert env.observation_layout["fingering"].shape == (5,)
-
 
 @pytest.mark.parametrize("observation", ["roll", "fingers", "hands"])
 @pytest.mark.parametrize("side", SIDES)

@@ -20,13 +20,13 @@ TESTS = Path(__file__).parent
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
     "base": 1_998,
-    "batch": 1_977,
+    "batch": 1_970,
     "buffers": 654,
     "callbacks": 2_774,
     "cli": 3_310,
     "demonstrations": 1_502,
-    "envs": 3_690,
-    "hands": 1_099,
+    "envs": 3_436,
+    "hands": 997,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
@@ -37,8 +37,8 @@ LINES = {
     "planning": 2_720,
     "players": 2_161,
     "policies": 1_588,
-    "reading": 578,
-    "simulation": 979,
+    "reading": 545,
+    "simulation": 900,
     "training": 6_288,
     "tuning": 1_303,
     "vec_env": 488,
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_371
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_620, "modules": 335, "names": 227},
+    "core": {"lines": 49_145, "modules": 334, "names": 227},
     "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_132},
+    "tests": {"lines": 42_039},
 }
 
 

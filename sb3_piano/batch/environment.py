@@ -17,6 +17,7 @@ from sb3_piano.batch.tables import Pieces
 from sb3_piano.batch.task import Heard, Strikes, Task
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs import PianoEnv
+from sb3_piano.envs.piano_env import HAND_OFFSET
 from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, one_line
 from sb3_piano.layers import layers
@@ -27,9 +28,6 @@ Backend = Literal["cpu", "warp"]
 """Physics: MuJoCo's own threads, or MuJoCo Warp."""
 
 Wrapper = Callable[[Any], gym.Env[Any, Any]]
-
-# RoboPianist's range for the random offset of both hands along the keyboard, m.
-_HAND_OFFSET = 0.05
 
 _KNOWN = (ScoreWrapper, HandActions, HandReward, TimeLimit, OrderEnforcing, PassiveEnvChecker)
 
@@ -231,7 +229,7 @@ class BatchedPiano:
         self.steps = torch.where(mask, 0, self.steps)
         sliders = None
         if self.config.randomize_hand_positions:
-            drawn = self.np_random.uniform(-_HAND_OFFSET, _HAND_OFFSET, self.num_envs)
+            drawn = self.np_random.uniform(-HAND_OFFSET, HAND_OFFSET, self.num_envs)
             sliders = torch.from_numpy(drawn).to(self.worlds.qpos)
         self.worlds.reset(mask, sliders)
         for part in self._episodes:

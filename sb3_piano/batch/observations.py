@@ -12,12 +12,8 @@ from sb3_piano.batch.tables import Pieces
 from sb3_piano.batch.task import Heard, at
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs.blocks import Encoding
-from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
-from sb3_piano.envs.hand_encoding import FRAMES_AHEAD, PRESSES_AHEAD, HandEncoding
-
-_DM_PER_M = 10.0
-_MOST_WRONG_KEYS = 10
-_FASTEST = 50.0
+from sb3_piano.envs.encodings import DM_PER_M, MOST_WRONG_KEYS, FingerEncoding, RollEncoding
+from sb3_piano.envs.hand_encoding import FASTEST, FRAMES_AHEAD, PRESSES_AHEAD, HandEncoding
 
 
 class Observations(ABC):
@@ -92,7 +88,7 @@ class FingerObservations(Observations):
         targets = observation[:, self._targets].view(len(row), -1, 8)
         targets[..., :3] = (points - tips) * known["scale"][row]
         targets[..., 3] = depth
-        wrong = (heard.sounding & ~self._pieces.due[row]).sum(1).clamp(max=_MOST_WRONG_KEYS)
+        wrong = (heard.sounding & ~self._pieces.due[row]).sum(1).clamp(max=MOST_WRONG_KEYS)
         observation[:, self._sustain] = heard.pedal[:, None].float()
         observation[:, self._wrong] = wrong[:, None].float()
         observation[:, -len(self._joints) :] = worlds.qpos.index_select(1, self._joints).float()
@@ -113,11 +109,10 @@ class HandObservations(Observations):
         self._joint_sign = self._number(encoding.joint_sign)
         self._slider, self._slope = encoding.slider, encoding.slope
         self._middle = encoding.hands[0].middle
-        keys = encoding.keys
-        self._nearest, self._lowest = self._index(keys.nearest), keys.lowest
+        self._nearest, self._lowest = self._index(encoding.nearest), encoding.lowest
         self._places = self._number(encoding.places.y)
-        self._black = self._number(keys.black).float()
-        self._around = self._index(keys.around)
+        self._black = self._number(encoding.black).float()
+        self._around = self._index(encoding.around)
 
     def write(self, row: Tensor) -> Tensor:
         """Return the observations; see :meth:`Observations.write`."""
@@ -130,9 +125,9 @@ class HandObservations(Observations):
         axes = worlds.geom_xmat.index_select(1, self._tips)[..., 2::3]
         tips = worlds.geom_xpos.index_select(1, self._tips) + axes * self._along
         tips = tips.view(count, hands, -1, 3) * self._mirror
-        here = tips * _DM_PER_M
+        here = tips * DM_PER_M
         rows[..., here_at["positions"]] = joints.float()
-        rows[..., here_at["velocities"]] = speeds.clamp(-_FASTEST, _FASTEST).float()
+        rows[..., here_at["velocities"]] = speeds.clamp(-FASTEST, FASTEST).float()
         ways = ((known["target"][row] - here[:, :, None]) * known["scale"][row]).float()
         fingers, shown = tips.shape[2], len(FRAMES_AHEAD)
         frames = rows[..., here_at["frames"]].unflatten(-1, (shown, fingers, -1))
@@ -144,13 +139,13 @@ class HandObservations(Observations):
         depth = depth.view(count, hands, -1, fingers)
         presses[..., 3] = (depth * known["press_there"][row]).float()
         self._write_keys(rows[..., here_at["keys"]], row, tips[..., 1])
-        from_arm = arm * _DM_PER_M
+        from_arm = arm * DM_PER_M
         here = torch.stack([here[..., 0], here[..., 1] - from_arm, here[..., 2]], -1)
         rows[..., here_at["fingertips"]] = here.flatten(2).float()
         # As in one world: differences are computed in double precision.
         for name in ("places", "line"):
             rows[..., here_at[name]] = (rows[..., here_at[name]] - from_arm).float()
-        other = from_arm.flip(1) if hands > 1 else self._middle * _DM_PER_M
+        other = from_arm.flip(1) if hands > 1 else self._middle * DM_PER_M
         rows[..., here_at["other_arm"]] = (from_arm + other).float()
         return rows.flatten(1)
 

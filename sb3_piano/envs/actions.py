@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
@@ -52,7 +49,11 @@ class ActionMap:
         Raises:
             InvalidActionError: If the action has the wrong shape or is not finite.
         """
-        clipped = np.minimum(np.maximum(self._checked(action), self._low), self._high)
+        array = action_numbers(action)
+        if array.shape != self._shape:
+            raise InvalidActionError(f"The action has shape {array.shape}: expected {self._shape}.")
+        check_finite(array)
+        clipped = np.minimum(np.maximum(array, self._low), self._high)
         return self.middle + self.half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
 
     def action(self, controls: FloatArray, *, pedal_down: bool) -> Float32Array:
@@ -63,13 +64,6 @@ class ActionMap:
     def change(self, controls: FloatArray) -> FloatArray:
         """Convert changes of the actuators' targets to changes of the action, (nu,)."""
         return controls / self.half_range
-
-    def _checked(self, action: npt.ArrayLike) -> FloatArray:
-        array = action_numbers(action)
-        if array.shape != self._shape:
-            raise InvalidActionError(f"The action has shape {array.shape}: expected {self._shape}.")
-        check_finite(array)
-        return array
 
 
 def action_numbers(action: npt.ArrayLike) -> FloatArray:
@@ -82,7 +76,8 @@ def action_numbers(action: npt.ArrayLike) -> FloatArray:
         array = np.asarray(action)
         if array.dtype.kind == "c":  # NumPy would drop the imaginary part with a warning
             raise TypeError("they are complex")
-        if array.dtype.kind in "SUMm" or any(isinstance(x, str | bytes) for x in _objects(array)):
+        objects = array.flat if array.dtype.kind == "O" else ()
+        if array.dtype.kind in "SUMm" or any(isinstance(one, str | bytes) for one in objects):
             raise TypeError("they are texts or dates")
         if np.ma.is_masked(action):
             raise TypeError("some are masked")
@@ -92,16 +87,8 @@ def action_numbers(action: npt.ArrayLike) -> FloatArray:
         raise InvalidActionError(f"The action is not an array of numbers: {text}.") from error
 
 
-def _objects(array: npt.NDArray[Any]) -> Iterable[Any]:
-    return array.flat if array.dtype.kind == "O" else ()
-
-
 def check_finite(action: FloatArray) -> None:
-    """Check that all numbers of an action are finite.
-
-    Raises:
-        InvalidActionError: If one is not.
-    """
+    """Raise an InvalidActionError unless all numbers of an action are finite."""
     finite = np.isfinite(action)
     if not finite.all():
         bad = int(np.argmin(finite))

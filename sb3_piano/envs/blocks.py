@@ -1,9 +1,9 @@
-"""Blocks of an observation, and the encoding that writes them."""
+"""Encodings write observations block by block; a user's own blocks are checked."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,9 @@ from sb3_piano.simulation import PianoScene, Simulation
 if TYPE_CHECKING:
     from sb3_piano.envs.config import PianoEnvConfig
 
+Write = Callable[[Float32Array, Any], object]
+"""Function that writes the numbers of a block that depend on the state into its array."""
+
 
 class Now(NamedTuple):
     """State before a control step of the piece."""
@@ -31,8 +34,88 @@ class Now(NamedTuple):
     """The pedal's command in [0, 1]."""
 
 
+class Encoding:
+    """Writes observations of one layout.
+
+    The numbers of a block that depend on the piece alone are computed when it is prepared. The
+    block's :data:`Write` function then overwrites or changes them in each step.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[tuple[ObservationBlock, Write | None]],
+        layout: ObservationLayout | None = None,
+    ):
+        """Take blocks with their functions, and the layout if it differs from the blocks'."""
+        self.layout = layout or ObservationLayout(block for block, _ in blocks)
+        """Layout of the observation."""
+        self._blocks, self._known = tuple(blocks), dict[str, Float32Array]()
+        self._open_page()
+
+    def _open_page(self) -> None:
+        """Make the array that each step overwrites, and the views of it, which are not copied."""
+        self._page = np.zeros(self.layout.size, dtype=np.float32)
+        parts = list(zip(self._blocks, self.split(self._page), strict=True))
+        found = ((out, self._known.get(block.name)) for (block, _), out in parts)
+        self._fixed = [(out, known) for out, known in found if known is not None]
+        self._writers = [(write, out) for (_, write), out in parts if write is not None]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_page": None, "_fixed": None, "_writers": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._open_page()
+
+    def split(self, numbers: Float32Array) -> list[Float32Array]:
+        """Split observations, (..., n), into a view for each block."""
+        return [
+            numbers[..., block.slice].reshape(*numbers.shape[:-1], *block.shape)
+            for block in self.layout.values()
+        ]
+
+    def prepare(self, roll: PianoRoll) -> None:
+        """Set the piece to play.
+
+        Raises:
+            ConfigError: If a user's block does not return finite numbers of its shape.
+            ScoreError: If this encoding cannot show the piece; the former piece then remains.
+        """
+        raise NotImplementedError
+
+    def _use(self, known: Mapping[str, npt.ArrayLike]) -> None:
+        """Set the numbers of T control steps that depend on the piece, (T, *shape), by block."""
+        self._known = {name: np.asarray(rows, dtype=np.float32) for name, rows in known.items()}
+        self._open_page()
+
+    def tables(self) -> Arrays:
+        """Return data of the piece by name, one row for each control step, for batches."""
+        return {}
+
+    def known_rows(self) -> Float32Array:
+        """Return the numbers of all observations that depend on the piece alone, (T, n)."""
+        steps = len(next(iter(self._known.values())))
+        rows = np.zeros((steps, self.layout.size), dtype=np.float32)
+        for (block, _), out in zip(self._blocks, self.split(rows), strict=True):
+            out[...] = self._known.get(block.name, 0.0)
+        return rows
+
+    def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
+        """Write the observation before a control step of the piece; see :class:`Now`."""
+        now = self._look(Now(step, simulation, pedal))
+        for out, known in self._fixed:
+            out[...] = known[step]
+        for write, out in self._writers:
+            write(out, now)
+        return self._page.copy()
+
+    def _look(self, now: Now) -> Any:
+        """Convert the state to the type that the blocks expect."""
+        return now
+
+
 class Block:
-    """Base class of the named parts of an observation.
+    """Base class of a user's own parts of an observation.
 
     A subclass sets ``name``, ``meaning`` and any attributes that differ from the values here; see
     :class:`~sb3_piano.envs.ObservationBlock`. It overrides :meth:`prepare` for numbers that depend
@@ -69,99 +152,6 @@ class Block:
         The array already holds the numbers that :meth:`prepare` returned for the control step.
         """
 
-    def tables(self) -> Arrays:
-        """Return other data of the piece by name, one row for each control step."""
-        return {}
-
-    def described(self, prefix: str = "") -> ObservationBlock:
-        """Describe the block for the layout, with a prefix before its name."""
-        facts = ("shape", "unit", "meaning", "low", "high", "binary")
-        return ObservationBlock(
-            name=f"{prefix}{self.name}", **{fact: getattr(self, fact) for fact in facts}
-        )
-
-
-class Encoding:
-    """Writes observations of one layout, block by block."""
-
-    def __init__(self, blocks: Sequence[Block], layout: ObservationLayout):
-        """Take blocks and the layout of their numbers."""
-        self.layout = layout
-        """Layout of the observation."""
-        self._blocks = tuple(blocks)
-        self._known: tuple[Float32Array | None, ...] = (None,) * len(blocks)
-        self._open_page()
-
-    def _open_page(self) -> None:
-        """Make the array that each step overwrites, and the views of it, which are not copied."""
-        self._page = np.zeros(self.layout.size, dtype=np.float32)
-        self._outs = self.split(self._page)
-        parts = list(zip(self._blocks, self._outs, self._known, strict=True))
-        self._fixed = [(out, known) for _, out, known in parts if known is not None]
-        writes = Block.write
-        self._writers = [(b.write, out) for b, out, _ in parts if type(b).write is not writes]
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_page": None, "_outs": None, "_fixed": None, "_writers": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._open_page()
-
-    def split(self, numbers: Float32Array) -> list[Float32Array]:
-        """Split observations, (..., n), into a view for each block."""
-        return [
-            numbers[..., block.slice].reshape(*numbers.shape[:-1], *block.shape)
-            for block in self.layout.values()
-        ]
-
-    def prepare(self, roll: PianoRoll) -> None:
-        """Set the piece to play.
-
-        Raises:
-            ConfigError: If a block does not return finite numbers of its shape.
-            ScoreError: If this encoding cannot show the piece; the former piece then remains.
-        """
-        self._use(self._prepared(roll, len(roll)))
-
-    def _prepared(self, piece: Any, steps: int) -> list[tuple[Block, Float32Array | None]]:
-        """Prepare copies of the blocks for a piece; return them with their known numbers."""
-        blocks = [copy.copy(block) for block in self._blocks]
-        return [
-            (block, _rows(block, block.prepare(piece), (steps, *out.shape)))
-            for block, out in zip(blocks, self._outs, strict=True)
-        ]
-
-    def _use(self, prepared: list[tuple[Block, Float32Array | None]]) -> None:
-        self._blocks, self._known = zip(*prepared, strict=True)
-        self._open_page()
-
-    def tables(self) -> Arrays:
-        """Return the blocks' data of the piece by name, one row for each control step."""
-        return {name: table for block in self._blocks for name, table in block.tables().items()}
-
-    def known_rows(self) -> Float32Array:
-        """Return the numbers of all observations that depend on the piece alone, (T, n)."""
-        steps = next(len(known) for known in self._known if known is not None)
-        rows = np.zeros((steps, self.layout.size), dtype=np.float32)
-        for out, known in zip(self.split(rows), self._known, strict=True):
-            if known is not None:
-                out[...] = known
-        return rows
-
-    def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
-        """Write the observation before a control step of the piece; see :class:`Now`."""
-        now = self._look(Now(step, simulation, pedal))
-        for out, known in self._fixed:
-            out[...] = known[step]
-        for write, out in self._writers:
-            write(out, now)
-        return self._page.copy()
-
-    def _look(self, now: Now) -> Any:
-        """Convert the state to the type that the blocks expect."""
-        return now
-
 
 class AddedBlocks(Encoding):
     """Encoding with a user's blocks at its end, whose numbers are checked."""
@@ -172,19 +162,22 @@ class AddedBlocks(Encoding):
         Raises:
             ConfigError: If two blocks have one name, or one lacks a valid description.
         """
-        self._inner = inner
-        added = [_described(block) for block in blocks]
-        super().__init__(blocks, ObservationLayout([*inner.layout.values(), *added]))
+        self._inner, self._added = inner, list(blocks)
+        described = [_described(block) for block in blocks]
+        layout = ObservationLayout([*inner.layout.values(), *described])
+        super().__init__([(block, None) for block in described], layout)
 
     def split(self, numbers: Float32Array) -> list[Float32Array]:
         """Split observations, (..., n), into a view for each added block."""
-        return super().split(numbers)[-len(self._blocks) :]
+        return super().split(numbers)[-len(self._added) :]
 
     def prepare(self, roll: PianoRoll) -> None:
         """Set the piece to play; see :meth:`Encoding.prepare`."""
-        prepared = self._prepared(roll, len(roll))
+        added = [copy.copy(block) for block in self._added]
+        found = {block.name: _rows(block, block.prepare(roll), len(roll)) for block in added}
         self._inner.prepare(roll)
-        self._use(prepared)
+        self._added = added
+        self._use({name: rows for name, rows in found.items() if rows is not None})
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Write the observation; see :meth:`Encoding.write`.
@@ -192,19 +185,17 @@ class AddedBlocks(Encoding):
         Raises:
             ConfigError: If a block does not write finite numbers of its shape.
         """
-        inner, now = self._inner.write(step, simulation, pedal), Now(step, simulation, pedal)
-        self._page[: inner.size] = inner
-        self._page[inner.size :] = 0.0
-        for block, out, known in zip(self._blocks, self._outs, self._known, strict=True):
-            if known is not None:
-                out[...] = known[step]
+        page = super().write(step, simulation, pedal)
+        page[: self._inner.layout.size] = self._inner.write(step, simulation, pedal)
+        now = Now(step, simulation, pedal)
+        for block, out in zip(self._added, self.split(page), strict=True):
             try:
                 block.write(out, now)
             except (TypeError, ValueError) as error:
                 raise _misfit(block, f"cannot write its numbers ({error})") from error
             if not np.isfinite(out).all():
                 raise _misfit(block, f"writes {out.tolist()} in control step {step}")
-        return self._page.copy()
+        return page
 
 
 def block_classes(named: Sequence[Any]) -> tuple[type[Block], ...]:
@@ -213,23 +204,20 @@ def block_classes(named: Sequence[Any]) -> tuple[type[Block], ...]:
     Raises:
         ConfigError: If one is no block class, or cannot be imported.
     """
-    return tuple(map(_block_class, named))
-
-
-def _block_class(named: Any) -> type[Block]:
-    if isinstance(named, str):
-        return import_class(named, Block)
-    if isinstance(named, type) and issubclass(named, Block):
-        return named
-    raise ConfigError(
-        f"observation_blocks has {named!r}: expected subclasses of sb3_piano.envs.Block, or their "
-        "import paths."
-    )
+    found = [import_class(one, Block) if isinstance(one, str) else one for one in named]
+    for one in found:
+        if not isinstance(one, type) or not issubclass(one, Block):
+            raise ConfigError(
+                f"observation_blocks has {one!r}: expected subclasses of sb3_piano.envs.Block, or "
+                "their import paths."
+            )
+    return tuple(found)
 
 
 def _described(block: Block) -> ObservationBlock:
+    names = ("name", "shape", "unit", "meaning", "low", "high", "binary")
     try:
-        found = block.described()
+        found = ObservationBlock(**{name: getattr(block, name) for name in names})
         np.broadcast_to(np.asarray(found.low) <= found.high, found.shape)
         return found
     except (AttributeError, TypeError, ValueError) as error:
@@ -239,7 +227,7 @@ def _described(block: Block) -> ObservationBlock:
         ) from error
 
 
-def _rows(block: Block, known: Any, shape: tuple[int, ...]) -> Float32Array | None:
+def _rows(block: Block, known: Any, steps: int) -> Float32Array | None:
     """Convert the numbers that a block prepared to an array, and check its shape."""
     if known is None:
         return None
@@ -247,7 +235,7 @@ def _rows(block: Block, known: Any, shape: tuple[int, ...]) -> Float32Array | No
         rows = np.asarray(known, dtype=np.float32)
     except (TypeError, ValueError) as error:
         raise _misfit(block, f"prepares no numbers ({error})") from error
-    if rows.shape != shape or not np.isfinite(rows).all():
+    if rows.shape != (steps, *block.shape) or not np.isfinite(rows).all():
         finite = "finite" if np.isfinite(rows).all() else "not all finite"
         raise _misfit(block, f"prepares numbers of the shape {rows.shape}, {finite}")
     return rows

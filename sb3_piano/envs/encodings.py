@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+from typing import NamedTuple
 
 import numpy as np
 
-from sb3_piano.arrays import Arrays, BoolArray, Float32Array, FloatArray, IntArray
-from sb3_piano.envs.blocks import Block, Encoding, Now
+from sb3_piano.arrays import Arrays, BoolArray, Float32Array, IntArray
+from sb3_piano.envs.blocks import Encoding, Now, Write
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, used_keys
+from sb3_piano.envs.observation import (
+    ALL_KEYS,
+    KeyWindow,
+    ObservationBlock,
+    ObservationLayout,
+    used_keys,
+)
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_FINGERS, NUM_KEYS
 from sb3_piano.simulation import PianoScene
-
-GOAL_WIDTH = NUM_KEYS + 1
-"""Numbers in one row of the goal: the keys, then the pedal."""
 
 DM_PER_M = 10.0
 """Decimetres in a metre. In dm a last centimetre still counts among numbers near 1."""
@@ -32,7 +36,10 @@ JOINTS_MEANING = (
     "of the keys"
 )
 
-_MOST_WRONG_KEYS = 10
+MOST_WRONG_KEYS = 10
+"""Largest observed number of wrong keys."""
+
+Blocks = list[tuple[ObservationBlock, Write | None]]
 
 
 class RollEncoding(Encoding):
@@ -42,21 +49,51 @@ class RollEncoding(Encoding):
         """Lay out the observation of a window of keys."""
         self._window, self.keys = window, window.slice
         self.rows_shown = config.n_steps_lookahead + 1
-        fingering = [_Fingering(scene, config)] if scene.sides else []
-        blocks: list[Block] = [_Goal(self.rows_shown, window), *fingering, _KeyState(window)]
-        blocks += [_Sustain(scene, config), *_joints(scene)]
-        layout = ObservationLayout(block.described() for block in blocks)
+        self._fingers = scene.fingers
+        goal = ObservationBlock(
+            name="goal",
+            shape=(self.rows_shown, NUM_KEYS + 1),
+            binary=True,
+            meaning="1 if a key (columns 0-87) or the pedal (column 88) should be down, for the "
+            "current and the following control steps; 0 beyond the end",
+        )
+        fingering = ObservationBlock(
+            name="fingering",
+            shape=self._fingers.shape,
+            binary=True,
+            meaning="1 for each finger labelled to press now, thumb to little finger, the right "
+            "hand first",
+        )
+        key_state = ObservationBlock(
+            name="key_state",
+            shape=(NUM_KEYS,),
+            meaning="key angle over its largest angle, in [0, 1]",
+        )
+        blocks: Blocks = [(goal, self._write_goal)]
+        blocks += [(fingering, None)] if scene.sides else []
+        blocks += [(key_state, self._write_key_state), (SUSTAIN, _write_sustain), *_joints(scene)]
+        layout = ObservationLayout(block for block, _ in blocks)
         super().__init__(blocks, window.restrict(layout)[0])
 
     def prepare(self, roll: PianoRoll) -> None:
         """Set the piece to play; see :meth:`Encoding.prepare`."""
         self._window.check_keys(used_keys(roll))
-        super().prepare(roll)
-        self._steps = len(roll)
+        # Appended silence lets the lookahead of the last step be sliced like any other.
+        self._goal = np.zeros((len(roll) + self.rows_shown - 1, len(self._window) + 1), np.float32)
+        self._goal[: len(roll), :-1] = roll.active[:, self.keys]
+        self._goal[: len(roll), -1] = roll.sustain
+        self._labels = roll.labelled_fingers()[:, self._fingers].astype(np.float32)
+        self._use({"fingering": self._labels})
 
     def tables(self) -> Arrays:
         """Return goals, padded by the lookahead after the last step, and fingers."""
-        return {"fingers": np.zeros((self._steps, 0), dtype=np.float32), **super().tables()}
+        return {"fingers": self._labels, "goal": self._goal}
+
+    def _write_goal(self, out: Float32Array, now: Now) -> None:
+        out[...] = self._goal[now.step : now.step + self.rows_shown]
+
+    def _write_key_state(self, out: Float32Array, now: Now) -> None:
+        out[:] = now.simulation.key_state[self.keys]
 
 
 class FingerEncoding(Encoding):
@@ -64,182 +101,114 @@ class FingerEncoding(Encoding):
 
     def __init__(self, scene: PianoScene, config: PianoEnvConfig):
         """Lay out the observation."""
-        kinds = (_Targets, _PedalGoal, _Sustain, _WrongKeys)
-        blocks = [*(kind(scene, config) for kind in kinds), *_joints(scene)]
-        super().__init__(blocks, ObservationLayout(block.described() for block in blocks))
-
-    def tables(self) -> Arrays:
-        """Return each finger's target, and the numbers that depend on the piece alone."""
-        return {**super().tables(), "known": self.known_rows()}
-
-
-class _Goal(Block):
-    name = "goal"
-    binary = True
-    meaning = (
-        "1 if a key (columns 0-87) or the pedal (column 88) should be down, for the current and "
-        "the following control steps; 0 beyond the end"
-    )
-
-    def __init__(self, rows: int, window: KeyWindow):
-        self.shape = (rows, GOAL_WIDTH)
-        self._rows, self._window = rows, window
-
-    def prepare(self, roll: PianoRoll) -> None:
-        # Appended silence lets the lookahead of the last step be sliced like any other.
-        shape = (len(roll) + self._rows - 1, len(self._window) + 1)
-        self._table = np.zeros(shape, dtype=np.float32)
-        self._table[: len(roll), :-1] = roll.active[:, self._window.slice]
-        self._table[: len(roll), -1] = roll.sustain
-
-    def tables(self) -> Arrays:
-        return {"goal": self._table}
-
-    def write(self, out: Float32Array, now: Now) -> None:
-        out[...] = self._table[now.step : now.step + self._rows]
-
-
-class _Fingering(Block):
-    name = "fingering"
-    binary = True
-    meaning = (
-        "1 for each finger labelled to press now, thumb to little finger, the right hand first"
-    )
-
-    def __init__(self, scene: PianoScene, config: PianoEnvConfig):
-        self._fingers = scene.fingers
-        self.shape = (len(scene.fingers),)
-
-    def prepare(self, roll: PianoRoll) -> Float32Array:
-        self._labels = roll.labelled_fingers()[:, self._fingers].astype(np.float32)
-        return self._labels
-
-    def tables(self) -> Arrays:
-        return {"fingers": self._labels}
-
-
-class _KeyState(Block):
-    name = "key_state"
-    shape = (NUM_KEYS,)
-    meaning = "key angle over its largest angle, in [0, 1]"
-
-    def __init__(self, window: KeyWindow):
-        self._keys = window.slice
-
-    def write(self, out: Float32Array, now: Now) -> None:
-        out[:] = now.simulation.key_state[self._keys]
-
-
-class _Sustain(Block):
-    name = "sustain"
-    meaning = "the pedal's command in [0, 1]; the pedal is down at 0.5 and above"
-
-    def write(self, out: Float32Array, now: Now) -> None:
-        out[0] = now.pedal
-
-
-def _joints(scene: PianoScene) -> list[_Joints]:
-    return [_Joints(scene, hand) for hand in range(len(scene.sides))]
-
-
-class _Joints(Block):
-    unit = "rad, m of sliders"
-
-    def __init__(self, scene: PianoScene, hand: int):
-        side, self._qpos = scene.sides[hand], scene.joint_qpos[hand]
-        self.name, self.shape = f"{side}_joints", (len(self._qpos),)
-        self.meaning = f"{side} hand's {JOINTS_MEANING}"
-        if (dofs := scene.options["forearm_dofs"]) != scene.hand.forearm_dofs():
-            self.meaning = f"{side} hand's joint positions, wrist to thumb, then {', '.join(dofs)}"
-        low, high = scene.joint_range[hand].T
-        self.low, self.high = low - JOINT_OVERSHOOT, high + JOINT_OVERSHOOT
-
-    def write(self, out: Float32Array, now: Now) -> None:
-        out[:] = now.simulation.qpos[self._qpos]
-
-
-class _Targets(Block):
-    name = "targets"
-    unit = "dm (3), 1, 1, s (2), 1"
-    meaning = (
-        "for each finger, thumb to little finger, the right hand first: the vector from its tip to "
-        "the point where it must press next (x towards the player, y to the right, z up); that "
-        "key's angle over its largest angle; 1 if it has such a key; time until the key must be "
-        "down; time until it must be up again; 1 if it is black. Without a key within the horizon "
-        "both times are the horizon and the other numbers are 0"
-    )
-
-    def __init__(self, scene: PianoScene, config: PianoEnvConfig):
         self._scene, self._horizon = scene, config.n_steps_lookahead + 1
         self._timestep = config.control_timestep
         longest = self._horizon * self._timestep
-        self.shape = (len(scene.fingers), 8)
-        self.low = (*[-FARTHEST] * 3, *[0.0] * 5)
-        self.high = (*[FARTHEST] * 3, 1.0, 1.0, longest, longest, 1.0)
+        targets = ObservationBlock(
+            name="targets",
+            shape=(len(scene.fingers), 8),
+            unit="dm (3), 1, 1, s (2), 1",
+            low=(*[-FARTHEST] * 3, *[0.0] * 5),
+            high=(*[FARTHEST] * 3, 1.0, 1.0, longest, longest, 1.0),
+            meaning="for each finger, thumb to little finger, the right hand first: the vector "
+            "from its tip to the point where it must press next (x towards the player, y to the "
+            "right, z up); that key's angle over its largest angle; 1 if it has such a key; time "
+            "until the key must be down; time until it must be up again; 1 if it is black. "
+            "Without a key within the horizon both times are the horizon and the other numbers "
+            "are 0",
+        )
+        pedal_goal = ObservationBlock(
+            name="pedal_goal",
+            shape=(2,),
+            unit="1, s",
+            high=(1.0, longest),
+            meaning="1 if the pedal should be down; time until this changes, at most the horizon",
+        )
+        wrong_keys = ObservationBlock(
+            name="wrong_keys",
+            high=float(MOST_WRONG_KEYS),
+            meaning="number of keys that sound and should not, at most 10",
+        )
+        blocks: Blocks = [(targets, self._write_targets), (pedal_goal, None)]
+        blocks += [(SUSTAIN, _write_sustain), (wrong_keys, self._write_wrong_keys)]
+        super().__init__([*blocks, *_joints(scene)])
 
-    def prepare(self, roll: PianoRoll) -> FloatArray:
+    def prepare(self, roll: PianoRoll) -> None:
+        """Set the piece to play; see :meth:`Encoding.prepare`."""
         goals, fingers = FingerGoals.of(roll, self._horizon), self._scene.fingers
         goal_key = goals.key[:, fingers]
-        there = goal_key >= 0
-        key = np.where(there, goal_key, 0)
-        geom, offset = self._scene.press_geometry(key)
-        self._key, self._geom, self._offset, self._there = key, geom, offset, there
+        self._there = there = goal_key >= 0
+        self._key = key = np.where(there, goal_key, 0)
+        self._geom, self._offset = self._scene.press_geometry(key)
         self._scale = DM_PER_M * there[:, :, None]
-        known = np.zeros((*key.shape, 8))
-        known[:, :, 4] = there
-        known[:, :, 5] = goals.onset[:, fingers] * self._timestep
-        known[:, :, 6] = goals.release[:, fingers] * self._timestep
-        known[:, :, 7] = there & KEY_IS_BLACK[key]
-        return known
+        self._not_due = [int.from_bytes((~due).tobytes()) for due in roll.active]
+        targets = np.zeros((*key.shape, 8))
+        targets[:, :, 4] = there
+        targets[:, :, 5] = goals.onset[:, fingers] * self._timestep
+        targets[:, :, 6] = goals.release[:, fingers] * self._timestep
+        targets[:, :, 7] = there & KEY_IS_BLACK[key]
+        changes = np.diff(roll.sustain, append=roll.sustain[-1])[:, None]
+        until = np.minimum(_steps_until(changes, self._horizon) + 1, self._horizon)
+        pedal = np.concatenate([roll.sustain[:, None], until * self._timestep], axis=1)
+        self._use({"targets": targets, "pedal_goal": pedal})
 
     def tables(self) -> Arrays:
+        """Return each finger's target, and the numbers that depend on the piece alone."""
         return {
             "key": self._key,
             "key_geom": self._geom,
             "press_offset": self._offset,
             "has_target": self._there,
             "scale": self._scale,
+            "known": self.known_rows(),
         }
 
-    def write(self, out: Float32Array, now: Now) -> None:
+    def _write_targets(self, out: Float32Array, now: Now) -> None:
         step, simulation = now.step, now.simulation
         points = simulation.geom_xpos.take(self._geom[step], axis=0) + self._offset[step]
         tips = simulation.fingertips.take(self._scene.fingers, axis=0)
         out[:, :3] = (points - tips) * self._scale[step]
         out[:, 3] = simulation.key_state[self._key[step]] * self._there[step]
 
-
-class _PedalGoal(Block):
-    name = "pedal_goal"
-    shape = (2,)
-    unit = "1, s"
-    meaning = "1 if the pedal should be down; time until this changes, at most the horizon"
-
-    def __init__(self, scene: PianoScene, config: PianoEnvConfig):
-        self._horizon, self._timestep = config.n_steps_lookahead + 1, config.control_timestep
-        self.high = (1.0, self._horizon * self._timestep)
-
-    def prepare(self, roll: PianoRoll) -> FloatArray:
-        changes = np.diff(roll.sustain, append=roll.sustain[-1])[:, None]
-        until = np.minimum(_steps_until(changes, self._horizon) + 1, self._horizon)
-        return np.concatenate([roll.sustain[:, None], until * self._timestep], axis=1)
-
-
-class _WrongKeys(Block):
-    name = "wrong_keys"
-    meaning = "number of keys that sound and should not, at most 10"
-    high = float(_MOST_WRONG_KEYS)
-
-    def prepare(self, roll: PianoRoll) -> None:
-        self._not_due = [int.from_bytes((~due).tobytes()) for due in roll.active]
-
-    def write(self, out: Float32Array, now: Now) -> None:
+    def _write_wrong_keys(self, out: Float32Array, now: Now) -> None:
         wrong = int.from_bytes(now.simulation.sounding) & self._not_due[now.step]
-        out[0] = min(wrong.bit_count(), _MOST_WRONG_KEYS)
+        out[0] = min(wrong.bit_count(), MOST_WRONG_KEYS)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FingerGoals:
+SUSTAIN = ObservationBlock(
+    name="sustain", meaning="the pedal's command in [0, 1]; the pedal is down at 0.5 and above"
+)
+"""Block of the pedal."""
+
+
+def _write_sustain(out: Float32Array, now: Now) -> None:
+    out[0] = now.pedal
+
+
+def _joints(scene: PianoScene) -> Blocks:
+    """Make a block of joint positions for each hand."""
+    meaning, dofs = JOINTS_MEANING, scene.options["forearm_dofs"]
+    if dofs != scene.hand.forearm_dofs():
+        meaning = f"joint positions, wrist to thumb, then {', '.join(dofs)}"
+    blocks: Blocks = []
+    for side, limits, qpos in zip(scene.sides, scene.joint_range, scene.joint_qpos, strict=True):
+        block = ObservationBlock(
+            name=f"{side}_joints",
+            shape=qpos.shape,
+            unit="rad, m of sliders",
+            low=limits[:, 0] - JOINT_OVERSHOOT,
+            high=limits[:, 1] + JOINT_OVERSHOOT,
+            meaning=f"{side} hand's {meaning}",
+        )
+        blocks.append((block, functools.partial(_write_joints, qpos)))
+    return blocks
+
+
+def _write_joints(qpos: IntArray, out: Float32Array, now: Now) -> None:
+    out[:] = now.simulation.qpos[qpos]
+
+
+class FingerGoals(NamedTuple):
     """Present or next note of each of ten fingers in T control steps."""
 
     key: IntArray
@@ -265,11 +234,8 @@ class FingerGoals:
         onset, release = _steps_until(held >= 0, horizon), _steps_until(ends, horizon) + 1
         key = np.take_along_axis(held, np.minimum(steps + onset, len(roll) - 1), axis=0)
         seen = onset <= horizon
-        return cls(
-            key=np.where(seen, key, -1),
-            onset=np.where(seen, onset, horizon),
-            release=np.where(seen, np.minimum(release, horizon), horizon),
-        )
+        release = np.where(seen, np.minimum(release, horizon), horizon)
+        return cls(np.where(seen, key, -1), np.where(seen, onset, horizon), release)
 
 
 def _steps_until(events: BoolArray, horizon: int) -> IntArray:

@@ -34,12 +34,9 @@ def time_limits(env: gym.Env[Any, Any]) -> tuple[LimitRef, ...]:
 
 def ends_by_limit(limits: Iterable[LimitRef]) -> bool:
     """Check whether a time limit ends the episode with the present step."""
-    wrappers = (limit() for limit in limits)
-    return any(
-        wrapper is not None
-        and (getattr(wrapper, "_elapsed_steps", 0) or 0) + 1 >= wrapper._max_episode_steps
-        for wrapper in wrappers
-    )
+    found = [wrapper for limit in limits if (wrapper := limit()) is not None]
+    played = [(getattr(wrapper, "_elapsed_steps", 0) or 0) + 1 for wrapper in found]
+    return any(n >= wrapper._max_episode_steps for n, wrapper in zip(played, found, strict=True))
 
 
 class StepInfo(dict[str, Any]):

@@ -41,21 +41,19 @@ class Goal:
         self.source = score
         """The score as given."""
         self.score = score = fingered(part_of_hands(score, config), config)
-        self.roll = roll_of(score, config)
+        self.roll: PianoRoll = roll_of(score, config)
         """Piano roll to play, by which the metrics judge."""
         self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll
         """Goals of the state at the end of each control step; see ``goal_time``."""
-        self.fingering_reward = config.fingering_reward
-        if config.fingering_reward == "auto":
+        self.fingering_reward = config.fingering_reward if config.sides else "off"
+        if self.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
-        if not config.sides:
-            self.fingering_reward = "off"
-        self.forearm_reward = config.forearm_reward
+        self.forearm_reward: bool = config.forearm_reward
         self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
         """Goal of each control step."""
-        self.terms = tuple(config.reward_weights)
-        """Names of the reward terms."""
         weights = config.reward_weights
+        self.terms = tuple(weights)
+        """Names of the reward terms."""
         best = (max(weights[name], 0.0) * term.best(self) for name, term in config.terms.items())
         self.highest_return = float(sum(best))
         """Upper bound of the return under the environment's reward."""

@@ -24,7 +24,7 @@ class ObservationBlock:
 
     name: str
     """Name of the block, by which wrappers find it."""
-    shape: tuple[int, ...]
+    shape: tuple[int, ...] = (1,)
     """Shape of the block before flattening (row-major)."""
     unit: str = "1"
     """Unit of its numbers; "1" for pure numbers."""
@@ -124,16 +124,13 @@ class ObservationSpace(spaces.Box):
 
     def __init__(self, layout: ObservationLayout):
         """Take bounds and size from a layout."""
-        low, high = (
-            np.concatenate(
-                [
-                    np.broadcast_to(getattr(block, bound), block.shape).reshape(-1)
-                    for block in layout.values()
-                ]
-            ).astype(np.float32)
-            for bound in ("low", "high")
+        bounds = np.hstack(
+            [
+                [np.broadcast_to(bound, block.shape).ravel() for bound in (block.low, block.high)]
+                for block in layout.values()
+            ]
         )
-        super().__init__(low, high, dtype=np.float32)
+        super().__init__(*bounds.astype(np.float32), dtype=np.float32)
         self.layout = layout
         """Layout: name, place and meaning of each block."""
 
@@ -183,9 +180,7 @@ class KeyWindow:
         Raises:
             ScoreError: If some do not. The message names the notes.
         """
-        beyond = [
-            key + MIN_PITCH for key in sorted(set(keys)) if not self.first <= key <= self.last
-        ]
+        beyond = [key + MIN_PITCH for key in sorted(set(keys) - {*range(NUM_KEYS)[self.slice]})]
         if beyond:
             names, pitches = ", ".join(map(pitch_name, beyond)), ", ".join(map(str, beyond))
             raise ScoreError(
@@ -201,25 +196,18 @@ class KeyWindow:
         Raises:
             ConfigError: If the layout lacks keys of the window.
         """
-        keys = np.arange(self.first, self.last + 1)
-        goal, key_state = layout["goal"], layout["key_state"]
-        kept = {
-            "goal": self._positions(goal, np.append(keys, NUM_KEYS)),
-            "key_state": self._positions(key_state, keys),
-        }
+        keys, kept = list(range(self.first, self.last + 1)), {}
+        for name, wanted in (("goal", [*keys, NUM_KEYS]), ("key_state", keys)):
+            position = {column: i for i, column in enumerate(layout[name].all_columns.tolist())}
+            missing = [column for column in wanted if column not in position]
+            if missing:
+                raise ConfigError(
+                    f"The keys {self} cannot be cut out of the block {name!r}: "
+                    f"{len(missing)} of them were cut before, such as "
+                    f"{pitch_name(missing[0] + MIN_PITCH)}. Expected keys that the block shows."
+                )
+            kept[name] = np.array([position[column] for column in wanted])
         return layout.restrict(kept)
-
-    def _positions(self, block: ObservationBlock, wanted: IntArray) -> IntArray:
-        """Find the positions of an unrestricted block's columns in the restricted block."""
-        position = {column: index for index, column in enumerate(block.all_columns.tolist())}
-        missing = [column for column in wanted.tolist() if column not in position]
-        if missing:
-            raise ConfigError(
-                f"The keys {self} cannot be cut out of the block {block.name!r}: "
-                f"{len(missing)} of them were cut before, such as "
-                f"{pitch_name(missing[0] + MIN_PITCH)}. Expected keys that the block shows."
-            )
-        return np.array([position[column] for column in wanted.tolist()])
 
 
 ALL_KEYS = KeyWindow(0, NUM_KEYS - 1)

@@ -39,8 +39,8 @@ from sb3_piano.viewing.moment import Moment
 
 Observation = npt.NDArray[np.float32]
 
-# RoboPianist's range for the random offset of both hands along the keyboard, m.
-_HAND_OFFSET = 0.05
+HAND_OFFSET = 0.05
+"""RoboPianist's range for the random offset of both hands along the keyboard, m."""
 
 # Keys that the window shows beyond those of the piece on either side. A finger that misses is
 # likely to press one of them.
@@ -78,25 +78,18 @@ class PianoEnv(gym.Env[Any, Any]):
     ``observation="window"`` shows only the keys from three below the piece's lowest key to three
     above its highest, in goal and key_state. Pieces with keys outside the window are refused.
 
-    ``observation="fingers"`` has 130 numbers (67 for one hand) and needs finger labels for all
-    notes. Each finger has eight: the vector from its tip to the point where it must press next,
-    that key's depth, whether it has such a key within the lookahead, the times until the key must
-    be down and up again, and whether the key is black. The rest: whether the pedal should be down,
-    when that changes, the pedal's command, the number of wrong keys that sound, and the joints.
-
-    ``observation="hands"`` has two equal parts, one for each hand; the left hand is mirrored. Each
-    part has joints and their speeds, fingertips, vectors to their next targets, two presses of each
-    finger with their times, the keys around each fingertip, and the arm's next targets. They are
-    computed from the whole piece when an episode begins. This observation needs finger labels, too.
-    :class:`~sb3_piano.wrappers.HandActions` are the matching actions.
+    ``observation="fingers"`` has 130 numbers (67 for one hand): the place and the times of each
+    finger's next press, the pedal, the number of wrong keys that sound, and the joints.
+    ``observation="hands"`` has two equal parts, one for each hand, with the left hand mirrored.
+    They are computed from the whole piece when an episode begins, and
+    :class:`~sb3_piano.wrappers.HandActions` are the matching actions. Both need finger labels.
 
     ``observation_blocks`` adds your own blocks at the end, see :class:`~sb3_piano.envs.Block`.
 
     ## Reward
 
     The sum of the named terms of :mod:`sb3_piano.envs.terms` times their weights. The terms compare
-    the state after a control step with the goal at its beginning. ``strike`` counts strikes in
-    time; its weight is 0 unless ``reward_weights`` sets it. ``reward_terms`` adds your own terms.
+    the state after a control step with the goal at its beginning. ``reward_terms`` adds your own.
     Each step's ``info["reward_terms"]`` has all unweighted terms, including those of weight 0.
 
     ## Start and end
@@ -160,9 +153,10 @@ class PianoEnv(gym.Env[Any, Any]):
             robot = find_hand(self.config.hand)
             own = apply_fingering(own, fingering, self.config.control_timestep, robot=robot)
         own = part_of_hands(own, self.config)
-        self._default_score = fingered(
+        self.default_score = fingered(
             own, self.config, "ergonomic" if fingering == "robot" else None
         )
+        """The score played if ``reset`` names no other."""
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
@@ -173,7 +167,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._finished = True  # until the first reset
         self._limits: tuple[LimitRef, ...] = ()
         self.action_space = self.action_map.space
-        self.observation_space = ObservationSpace(self._encoding.layout)
+        self.observation_space = ObservationSpace(self.encoding.layout)
         self.total_steps = 0
         """Control steps played since this environment was made. Schedules depend on it; a resumed
         training sets it to the former count."""
@@ -181,24 +175,19 @@ class PianoEnv(gym.Env[Any, Any]):
     # Score and progress of the episode.
 
     @property
-    def default_score(self) -> Score:
-        """The score played if ``reset`` names no other."""
-        return self._default_score
-
-    @property
     def score(self) -> Score:
         """Score of this episode with its fingering, before silence is trimmed."""
-        return self._goal.score
+        return self.goal.score
 
     @property
     def roll(self) -> PianoRoll:
         """Piano roll of this episode: the score cut into control steps."""
-        return self._goal.roll
+        return self.goal.roll
 
     @property
     def asked_roll(self) -> PianoRoll:
         """Piano roll of observation and reward: ``roll``, or shifted by ``goal_time="end"``."""
-        return self._goal.asked
+        return self.goal.asked
 
     @property
     def steps_played(self) -> int:
@@ -206,30 +195,15 @@ class PianoEnv(gym.Env[Any, Any]):
         return self._record.steps
 
     @property
-    def simulation(self) -> Simulation:
-        """The simulation as last read, for callers that read it at every step."""
-        return self._simulation
-
-    @property
-    def goal(self) -> Goal:
-        """The score of this episode as the goal of each control step."""
-        return self._goal
-
-    @property
-    def encoding(self) -> Encoding:
-        """Encoding that writes the observations of this episode."""
-        return self._encoding
-
-    @property
     def observation_layout(self) -> ObservationLayout:
         """Layout of the observation: place and meaning of its numbers."""
-        return self._encoding.layout
+        return self.encoding.layout
 
     @property
     def key_active(self) -> npt.NDArray[np.bool_]:
         """Keys that sound now, (88,) bool."""
-        self._simulation.read()
-        return np.frombuffer(self._simulation.sounding, dtype=bool).copy()
+        self.simulation.read()
+        return np.frombuffer(self.simulation.sounding, dtype=bool).copy()
 
     @property
     def pedal_down(self) -> bool:
@@ -301,15 +275,15 @@ class PianoEnv(gym.Env[Any, Any]):
         self._finished = True  # also if this fails: step() must not continue the old episode
         super().reset(seed=seed)
         self._limits = time_limits(self)
-        self._set_score(chosen_score(options or {}, self._default_score, self.np_random))
+        self._set_score(chosen_score(options or {}, self.default_score, self.np_random))
         self._clear_episode()
         if self.config.randomize_hand_positions:
             # RoboPianist moves the bases of both hands. Moving their sliders instead starts the
             # hands in the same place, and leaves their reach and the model unchanged.
-            offset = self.np_random.uniform(-_HAND_OFFSET, _HAND_OFFSET)
+            offset = self.np_random.uniform(-HAND_OFFSET, HAND_OFFSET)
             self.data.qpos[self.scene.slider_qpos] = offset
         mujoco.mj_step1(self.model, self.data)
-        self._simulation.read()
+        self.simulation.read()
         if self.render_mode == "human":
             self.render()
         return self._observation(), {}
@@ -335,20 +309,20 @@ class PianoEnv(gym.Env[Any, Any]):
         controls, self._pedal = self.action_map.controls(action)
         self._finished = True  # also if this fails
         before = self.data.ctrl.copy()
-        if not self._simulation.advance(controls):
+        if not self.simulation.advance(controls):
             raise SimulationDivergedError(
                 f"The physics became unstable in control step {self._record.steps}. The episode "
                 "is over: call reset(). Expected only after changes to the model or its state."
             )
-        self._simulation.read()
-        self._record.hear(self._simulation)
-        step, last, config = self._record.steps, len(self._goal) - 1, self.config
+        self.simulation.read()
+        self._record.hear(self.simulation)
+        step, last, config = self._record.steps, len(self.goal) - 1, self.config
         seen = self._seen(step, controls, before)
         terms = {name: value(seen) for name, value in self._terms.items()}
         for name in config.reward_terms:
             terms[name] = finite_term(name, terms[name], seen)
         weighted = [weight * terms[name] for name, weight in config.reward_weights.items()]
-        self._record.add(self._simulation, seen.pedal_down, weighted)
+        self._record.add(self.simulation, seen.pedal_down, weighted)
         self.total_steps += 1
         truncated = step == last or ends_by_limit(self._limits)
         terminated = config.wrong_press_termination and step < last and seen.wrong
@@ -358,7 +332,7 @@ class PianoEnv(gym.Env[Any, Any]):
             info.update(self._record.summary())
         else:
             info = StepInfo(info, self._record)
-        observation = self._encoding.write(min(step + 1, last), self._simulation, self._pedal)
+        observation = self.encoding.write(min(step + 1, last), self.simulation, self._pedal)
         if self.render_mode == "human":
             self.render()
         return observation, sum(weighted), terminated, truncated, info
@@ -371,7 +345,7 @@ class PianoEnv(gym.Env[Any, Any]):
         Args:
             step: Control step of the goal, 0 to ``len(roll) - 1``.
         """
-        self._simulation.read()
+        self.simulation.read()
         seen = self._seen(step, self.data.ctrl, self.data.ctrl)
         other = {"strike", *self.config.reward_terms}
         return {name: value(seen) for name, value in self._terms.items() if name not in other}
@@ -392,17 +366,18 @@ class PianoEnv(gym.Env[Any, Any]):
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            self._renderer = self._open_renderer()
-        due, fingers = self._goal.roll.due(max(self._record.steps - 1, 0))
-        seen = Moment(
-            qpos=self.data.qpos,
-            step=self._record.steps,
-            due=due,
-            fingers=fingers,
-            sounding=self.key_active,
-            f1=self._record.f1(),
-        )
-        return self._renderer.render(self._goal.roll, self.score.title, seen)
+            config = self.config
+            size = {"width": config.width, "height": config.height}
+            self._renderer = (
+                HumanRenderer(self.scene, fps=self.metadata["render_fps"], view=config.view)
+                if self.render_mode == "human"
+                else PerformanceRenderer(self.scene, **size, view=config.view)
+            )
+        step, f1 = self._record.steps, self._record.f1()
+        due, fingers = self.goal.roll.due(max(step - 1, 0))
+        qpos, sounding = self.data.qpos, self.key_active
+        seen = Moment(qpos=qpos, step=step, due=due, fingers=fingers, sounding=sounding, f1=f1)
+        return self._renderer.render(self.goal.roll, self.score.title, seen)
 
     def close(self) -> None:
         """Free the drawing context or close the window, if open."""
@@ -414,9 +389,8 @@ class PianoEnv(gym.Env[Any, Any]):
 
     def get_state(self) -> EnvState:
         """Return the state of physics and episode, without the random generator's."""
-        physics = self._simulation.get_state()
         return self._record.save(
-            physics=physics,
+            physics=self.simulation.get_state(),
             finished=self._finished,
             pedal=self._pedal,
             simulation=self.config.simulation,
@@ -439,15 +413,15 @@ class PianoEnv(gym.Env[Any, Any]):
                 f"A {type(state).__name__} is no state: expected what get_state() returned."
             )
         self._check_physics(state.physics)
-        state.check(self.config.simulation, self._goal.terms)
+        state.check(self.config.simulation, self.goal.terms)
         self._set_score(state.score)
-        if state.step > len(self._goal):
+        if state.step > len(self.goal):
             raise EnvStateError(
                 f"The state is in control step {state.step} but here the score has only "
-                f"{len(self._goal)}: expected a state of an environment with the same options."
+                f"{len(self.goal)}: expected a state of an environment with the same options."
             )
         self._clear_episode()
-        self._simulation.set_state(state.physics)
+        self.simulation.set_state(state.physics)
         self._record.restore(state)
         self._finished, self._pedal = state.finished, state.pedal
         return self._observation()
@@ -459,7 +433,7 @@ class PianoEnv(gym.Env[Any, Any]):
         and in deep copies of the environment made in this episode.
         """
         return Snapshot(
-            physics=self._simulation.get_state(),
+            physics=self.simulation.get_state(),
             record=self._record.fork(),
             finished=self._finished,
             pedal=self._pedal,
@@ -477,7 +451,7 @@ class PianoEnv(gym.Env[Any, Any]):
                 f"A {type(moment).__name__} is no moment: expected what snapshot() returned."
             )
         self._check_physics(moment.physics)
-        self._simulation.set_state(moment.physics)
+        self.simulation.set_state(moment.physics)
         self._record = moment.record.fork()
         self._finished, self._pedal = moment.finished, moment.pedal
         self.total_steps = moment.total_steps
@@ -490,24 +464,12 @@ class PianoEnv(gym.Env[Any, Any]):
 
     # Internals.
 
-    def _open_renderer(self) -> HumanRenderer | PerformanceRenderer:
-        config = self.config
-        if self.render_mode == "human":
-            return HumanRenderer(self.scene, fps=self.metadata["render_fps"], view=config.view)
-        return PerformanceRenderer(
-            self.scene, width=config.width, height=config.height, view=config.view
-        )
-
     def _check_physics(self, physics: npt.NDArray[np.float64]) -> None:
-        size = self._simulation.state_size
-        if np.shape(physics) != (size,):
+        found, size = np.asarray(physics), self.simulation.state_size
+        if found.shape != (size,) or found.dtype.kind != "f" or not np.isfinite(found).all():
             raise EnvStateError(
-                f"The state holds {np.size(physics)} physics numbers but this environment has "
-                f"{size}: expected a state of an environment with the same options."
-            )
-        if np.asarray(physics).dtype.kind != "f" or not np.isfinite(physics).all():
-            raise EnvStateError(
-                "The state's physics are no finite numbers: expected what get_state() returned."
+                f"The state holds {found.size} physics numbers, or they are not finite, but this "
+                f"environment has {size}: expected a state of an environment with the same options."
             )
 
     def _build(self, moving: KeyWindow) -> None:
@@ -523,42 +485,44 @@ class PianoEnv(gym.Env[Any, Any]):
             forearm_dofs=config.forearm_dofs,
         ).copy()
         self.model = self.scene.model
-        self._simulation = Simulation(self.scene, config.n_substeps)
-        self.data = self._simulation.data
+        self.simulation = Simulation(self.scene, config.n_substeps)
+        """The simulation as last read, for callers that read it at every step."""
+        self.data = self.simulation.data
         self.action_map = ActionMap(self.scene)
         """Map from actions to the actuators' targets and the pedal, and back."""
-        self._goal = Goal(self._default_score, config)
-        roll = self._goal.asked
-        self._encoding = _make_encoding(config, self.scene, roll)
+        self.goal = Goal(self.default_score, config)
+        """The score of this episode as the goal of each control step."""
+        self.encoding = _make_encoding(config, self.scene, self.goal.asked)
+        """Encoding that writes the observations of this episode."""
         if config.observation_blocks:
             blocks = [block(self.scene, config) for block in config.observation_blocks]
-            self._encoding = AddedBlocks(self._encoding, blocks)
-        self._encoding.prepare(roll)
+            self.encoding = AddedBlocks(self.encoding, blocks)
+        self.encoding.prepare(self.goal.asked)
         self._clear_episode()
 
     def _seen(
         self, step: int, controls: npt.NDArray[np.float64], before: npt.NDArray[np.float64]
     ) -> StepView:
-        goal, record = self._goal, self._record
+        goal, record = self.goal, self._record
         asked, down = goal.steps[step], self.pedal_down
-        return StepView(self._simulation, goal, step, asked, down, controls, before, record)
+        return StepView(self.simulation, goal, step, asked, down, controls, before, record)
 
     def _set_score(self, score: Score) -> None:
-        if score is not self._goal.source:
+        if score is not self.goal.source:
             goal = Goal(score, self.config)
-            self._encoding.prepare(goal.asked)
-            self._goal = goal
+            self.encoding.prepare(goal.asked)
+            self.goal = goal
 
     def _clear_episode(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        self._record = EpisodeRecord(self._goal, self.scene)
+        self._record = EpisodeRecord(self.goal, self.scene)
         self._finished = False
         self._pedal = 0.0
 
     def _observation(self) -> Observation:
         """Return the observation; after the last step it repeats the last goal."""
-        step = min(self._record.steps, len(self._goal) - 1)
-        return self._encoding.write(step, self._simulation, self._pedal)
+        step = min(self._record.steps, len(self.goal) - 1)
+        return self.encoding.write(step, self.simulation, self._pedal)
 
 
 def _make_encoding(config: PianoEnvConfig, scene: PianoScene, roll: PianoRoll) -> Encoding:

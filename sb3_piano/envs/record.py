@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import functools
-import itertools
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sb3_piano.arrays import BoolArray, FingerArray, FloatArray, IntArray
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.exceptions import EnvStateError
@@ -62,12 +61,7 @@ class EnvState:
     """Names of the reward terms as text; empty in states saved without them."""
 
     def check(self, simulation: str, terms: Sequence[str]) -> None:
-        """Raise an EnvStateError if the state is not from an environment with equal options.
-
-        Args:
-            simulation: :attr:`simulation` of the environment.
-            terms: Names of the environment's reward terms.
-        """
+        """Raise an EnvStateError if the state is not from an environment with these options."""
         steps = len(self.key_active) if isinstance(self.key_active, np.ndarray) else 0
         arrays: dict[str, tuple[str, tuple[int, ...], Any]] = {
             "key_active": ("b", (steps, NUM_KEYS), self.key_active),
@@ -75,14 +69,15 @@ class EnvState:
             "fingertips": ("f", (steps, NUM_FINGERS, 3), self.fingertips),
             "returns": ("f", (len(terms),), self.returns),
         }
-        within = self.within if isinstance(self.within, Mapping) else {-1: None}
-        first = next(iter(within.values()), None)
-        shape = getattr(first, "shape", ())
+        within, speeds = (
+            table if isinstance(table, Mapping) else {-1: None}
+            for table in (self.within, self.speeds)
+        )
+        shape = getattr(next(iter(within.values()), None), "shape", ())
         for step, keys in within.items():
             arrays[f"within[{step!r}]"] = ("b", (*shape[:1], NUM_KEYS), keys)
-        speeds = self.speeds if isinstance(self.speeds, Mapping) else {-1: None}
-        for step in speeds:
-            arrays[f"speeds[{step!r}]"] = ("f", (NUM_KEYS,), speeds[step] if step in within else 0)
+        for step, speed in speeds.items():
+            arrays[f"speeds[{step!r}]"] = ("f", (NUM_KEYS,), speed if step in within else 0)
         wrong = [
             name
             for name, (kind, expected, array) in arrays.items()
@@ -133,8 +128,7 @@ class EpisodeRecord:
 
     def __init__(self, goal: Goal, scene: PianoScene):
         """Begin an empty record."""
-        self._goal = goal
-        self._scene = scene
+        self._goal, self._scene = goal, scene
         # Lists with an entry for each step: appending is faster than filling rows of an array.
         self._key_active: list[bytes] = []
         self._sustain: list[bool] = []
@@ -167,7 +161,7 @@ class EpisodeRecord:
         if simulation.sounding == self._sounding:
             return
         now, before = (int.from_bytes(each) for each in (simulation.sounding, self._sounding))
-        keys = list(itertools.compress(range(NUM_KEYS), (now & ~before).to_bytes(NUM_KEYS)))
+        keys = [key for key, down in enumerate((now & ~before).to_bytes(NUM_KEYS)) if down]
         hits = sum(self._is_hit(key, simulation) for key in keys)
         self.struck = hits, len(keys) - hits
 
@@ -175,12 +169,11 @@ class EpisodeRecord:
         step, timestep = self.steps, self._goal.roll.control_timestep
         # The time within the step rarely matters, and takes ten times as long to compute.
         is_hit = self._open.hit_within(key, step * timestep, (step + 1) * timestep)
-        if is_hit is None:
-            within = self._scene.sounding_at(simulation.key_angles)[None]
-            steps = np.array([step])
-            share = step_shares(steps, np.array([key]), steps, within)
-            is_hit = self._open.hit(key, ((steps + share) * timestep).item())
-        return is_hit
+        if is_hit is not None:
+            return is_hit
+        within, steps = self._scene.sounding_at(simulation.key_angles)[None], np.array([step])
+        share = step_shares(steps, np.array([key]), steps, within)
+        return self._open.hit(key, ((steps + share) * timestep).item())
 
     def add(
         self, simulation: Simulation, pedal_down: bool, weighted_terms: Sequence[float]
@@ -210,6 +203,9 @@ class EpisodeRecord:
         presses, changes = presses_of(key_active), np.array(self._changes, dtype=np.intp)
         within = self._sounding_within()
         strikes, releases = press_times(presses, changes, within, roll.control_timestep, self.steps)
+        fingers = np.full(key_active.shape, UNKNOWN_FINGER, dtype=np.int8)
+        if self._scene.sides:
+            fingers = nearest_fingers(key_active, fingertips, KeyBoxes(*self._scene.key_boxes))
         return Performance(
             roll=roll,
             key_active=key_active,
@@ -217,7 +213,7 @@ class EpisodeRecord:
             strike_time=strikes,
             strike_speed=self._strike_speeds(presses, changes),
             release_time=releases,
-            press_finger=self._press_fingers(key_active, fingertips),
+            press_finger=fingers,
             title=self._goal.score.title,
         )
 
@@ -227,7 +223,7 @@ class EpisodeRecord:
         return {
             **self.performance().metrics(),
             "normalized_return": normalized_return(sum(returns), self._goal.highest_return),
-            **dict(zip(self._return_names(), returns, strict=True)),
+            **{RETURN_PREFIX + n: sum_ for n, sum_ in zip(self._goal.terms, returns, strict=True)},
         }
 
     def save(
@@ -252,10 +248,8 @@ class EpisodeRecord:
 
     def fork(self) -> EpisodeRecord:
         """Return an independent copy of the record; it shares the data of finished steps."""
-        copied = copy.copy(self)
-        for name in ("_key_active", "_sustain", "_fingertips", "_changes", "_key_angles"):
-            setattr(copied, name, list(getattr(self, name)))
-        copied._weighted_terms = list(self._weighted_terms)
+        copied, own = copy.copy(self), vars(self).items()
+        copied.__dict__.update({name: [*value] for name, value in own if isinstance(value, list)})
         copied._open = self._open.copy()
         return copied
 
@@ -276,14 +270,6 @@ class EpisodeRecord:
         strikes = zip(played.presses.key.tolist(), played.strike_time.tolist(), strict=True)
         for key, time in strikes:  # of one key in order of time
             self._open.hit(key, time)
-
-    def _return_names(self) -> list[str]:
-        return [RETURN_PREFIX + term for term in self._goal.terms]
-
-    def _press_fingers(self, key_active: BoolArray, fingertips: FloatArray) -> FingerArray:
-        if not self._scene.sides:
-            return np.full(key_active.shape, UNKNOWN_FINGER, dtype=np.int8)
-        return nearest_fingers(key_active, fingertips, KeyBoxes(*self._scene.key_boxes))
 
     def _sounding_within(self) -> BoolArray:
         """Return the keys sounding after the p physics steps of the m ``_changes``, (m, p, 88)."""
@@ -315,14 +301,12 @@ class EpisodeRecord:
         return self._returns
 
     def _rows(self) -> BoolArray:
-        """Return the keys that sounded, (t, 88), read-only."""
-        return np.frombuffer(b"".join(self._key_active), dtype=bool).reshape(self.steps, NUM_KEYS)
+        """Return a copy of the keys that sounded, (t, 88)."""
+        rows = np.frombuffer(b"".join(self._key_active), dtype=bool)
+        return rows.reshape(self.steps, NUM_KEYS).copy()
 
     def _arrays(self) -> tuple[BoolArray, BoolArray, FloatArray]:
         """Return copies of sounding keys (t, 88), pedal (t,) and fingertips (t, 10, 3)."""
-        steps = self.steps
-        return (
-            self._rows().copy(),
-            np.array(self._sustain, dtype=bool),
-            np.concatenate([np.empty((0, 3)), *self._fingertips]).reshape(steps, NUM_FINGERS, 3),
-        )
+        tips = np.concatenate([np.empty((0, 3)), *self._fingertips])
+        sustain = np.array(self._sustain, dtype=bool)
+        return self._rows(), sustain, tips.reshape(self.steps, NUM_FINGERS, 3)

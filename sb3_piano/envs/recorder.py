@@ -7,8 +7,8 @@ from typing import Any, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.metrics.episode import RETURN_PREFIX
@@ -29,11 +29,7 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         one begins."""
         self.resting = False
         """Whether each action is replaced by the rest action (see :attr:`can_rest`)."""
-        self._return = 0.0
-        self._length = 0
-        self._qpos: list[npt.NDArray[np.float64]] = []
-        self._fingertips: list[npt.NDArray[np.float64]] = []
-        self._actions: list[npt.NDArray[np.float32]] = []
+        self._begin()
 
     @property
     def can_rest(self) -> bool:
@@ -48,8 +44,7 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
             env = self.unwrapped
             self._finish(env.summary if isinstance(env, PianoEnv) else {})
         result = self.env.reset(seed=seed, options=options)
-        self._return, self._length = 0.0, 0
-        self._qpos, self._fingertips, self._actions = [], [], []
+        self._begin()
         self._note_positions()
         return result
 
@@ -67,6 +62,12 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
             self._finish(info)
         return observation, reward, terminated, truncated, info
 
+    def _begin(self) -> None:
+        self._return, self._length = 0.0, 0
+        self._qpos: list[FloatArray] = []
+        self._fingertips: list[FloatArray] = []
+        self._actions: list[Float32Array] = []
+
     def _finish(self, info: Mapping[str, Any]) -> None:
         self.finished.append(self._take(info))
         self._length = 0
@@ -81,8 +82,7 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         env: Any = self.unwrapped
         metrics = {"return": self._return, "length": float(self._length)}
         returns = [name for name in info if name.startswith(RETURN_PREFIX)]
-        names = (*EPISODE_METRICS, *returns)
-        metrics.update({name: float(info[name]) for name in names if name in info})
+        metrics |= {n: float(info[n]) for n in (*EPISODE_METRICS, *returns) if n in info}
         if not self._qpos:
             return Take(metrics=metrics)
         played = env.performance

@@ -29,17 +29,10 @@ def tolerance(distance: float, bound: float, margin: float) -> float:
 
 
 def _mean_closeness(distances: Sequence[float], bound: float) -> float:
-    """Compute the mean tolerance of one or more distances."""
-    margin = 10 * bound
+    """Compute the mean tolerance of distances; 0 without any."""
     # Called every control step with few distances: plain numbers are faster than NumPy.
-    values = [tolerance(distance, bound, margin) for distance in distances]
-    return sum(values) / len(values)
-
-
-def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Compute the distances between points along the last axis."""
-    offset = a - b
-    return np.asarray(np.sqrt(np.einsum("...i,...i->...", offset, offset)))
+    values = [tolerance(distance, bound, 10 * bound) for distance in distances]
+    return sum(values) / len(values) if values else 0.0
 
 
 # The pedal and its goal are each 0 or 1, so their difference has three values.
@@ -47,34 +40,23 @@ _SUSTAIN = {d: tolerance(d, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE) for d in (-1, 0
 
 
 def held(missing: Sequence[float]) -> float:
-    """Compute the mean closeness of keys to being fully down; 0 without keys.
-
-    Args:
-        missing: Remaining share of each key's travel.
-    """
-    return _mean_closeness(missing, _KEY_TOLERANCE) if missing else 0.0
+    """Compute the mean closeness of keys to being down from their missing shares of travel."""
+    return _mean_closeness(missing, _KEY_TOLERANCE)
 
 
 def sustain(due: bool, pressed: bool) -> float:
-    """Reward holding the pedal when it is due and releasing it when it is not.
-
-    Returns:
-        1 if both agree, else nearly 0.
-    """
+    """Return 1 if the pedal is held when it is due and released when it is not, else nearly 0."""
     return _SUSTAIN[due - pressed]
 
 
 def labelled_fingering(distances: Sequence[float]) -> float:
-    """Reward labelled fingers at the keys that they should press.
+    """Compute the mean closeness of labelled fingers, in [0, 1]; 0 if no labelled note is due.
 
     Args:
         distances: For each labelled due note, the distance of its finger's tip from the point
             where it should press, m.
-
-    Returns:
-        The mean closeness in [0, 1]; 0 if no labelled note is due.
     """
-    return _mean_closeness(distances, _FINGER_TOLERANCE) if distances else 0.0
+    return _mean_closeness(distances, _FINGER_TOLERANCE)
 
 
 def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray) -> float:
@@ -93,6 +75,7 @@ def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray
         return 1.0
     from scipy.optimize import linear_sum_assignment  # a 0.4 s import that few pieces need
 
-    distance = _distance(fingertips[:, None], press_points[None])
+    offset = fingertips[:, None] - press_points[None]
+    distance = np.sqrt(np.einsum("...i,...i->...", offset, offset))
     assigned = distance[linear_sum_assignment(distance)]
     return _mean_closeness(assigned.tolist(), _FINGER_TOLERANCE)

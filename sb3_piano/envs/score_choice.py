@@ -18,6 +18,7 @@ from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering, without_fingers
 from sb3_piano.music.fingering.split import assign_hands
 from sb3_piano.music.hands import Hand
+from sb3_piano.settings import refuse_unknown
 
 
 def own_score(source: ScoreSource, options: Mapping[str, Any]) -> tuple[Score, dict[str, Any]]:
@@ -45,12 +46,10 @@ ScoreTransform = Callable[[Score, np.random.Generator], Score]
 
 
 def part_of_hands(score: Score, config: PianoEnvConfig) -> Score:
-    """Return the notes of the hands that play; the score itself if these are all.
-
-    The options ``hands`` and ``hands_in_scene`` choose the hands.
+    """Return the notes for the hands that play; the score itself if these are all.
 
     Raises:
-        ScoreError: If no note is left.
+        ScoreError: If no note is left under the options ``hands`` and ``hands_in_scene``.
     """
     if config.hands != "both":
         score = _of_hand(assign_hands(score), config.hands)
@@ -91,10 +90,8 @@ def fingered(score: Score, config: PianoEnvConfig, fingering: str | None = None)
     if fingering == "optimal-transport" and not both:
         return without_fingers(score, keep_hands=True)
     # The cache ignores bars: scores that compare equal may differ in them.
-    robot = find_hand(config.hand)
-    notes = _fingered(
-        score, fingering, config.control_timestep, change_hands=both, robot=robot
-    ).notes
+    more = {"change_hands": both, "robot": find_hand(config.hand)}
+    notes = _fingered(score, fingering, config.control_timestep, **more).notes
     return score if notes == score.notes else replace(score, notes=notes)
 
 
@@ -109,21 +106,13 @@ def reset_options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
 
 
 def chosen_score(options: Mapping[str, Any], default: Score, random: np.random.Generator) -> Score:
-    """Choose the score of an episode.
-
-    Args:
-        options: ``"score"``: a source to play in place of the default. ``"transform"``: a
-            :data:`ScoreTransform` that changes it.
-        default: Score without options.
-        random: The environment's random generator.
+    """Choose the score of an episode, ``default`` without options, as ``PianoEnv.reset`` does.
 
     Raises:
         ConfigError: If ``options`` has an unknown key, or the transform returns no score.
         ScoreError: If the score cannot be read or transformed.
     """
-    for name in reset_options(options):
-        if name not in ("score", "transform"):
-            raise ConfigError(f"Unknown reset option {name!r}: expected 'score' or 'transform'.")
+    refuse_unknown(reset_options(options), ("score", "transform"), "reset option")
     score = load_score(options.get("score", default))
     if "transform" not in options:
         return score

@@ -136,19 +136,15 @@ def _energy(step: StepView) -> float:
 def _fingering(step: StepView) -> float:
     """Reward fingers near their keys."""
     simulation, kind = step.simulation, step.goal.fingering_reward
-    tips = simulation.fingertips
+    tips, point = simulation.fingertips, simulation.press_point
     if kind == "labels":
-        return rewards.labelled_fingering(
-            [
-                math.dist(simulation.press_point(key), tips[finger].tolist())
-                for key, finger in step.asked.labelled
-            ]
-        )
+        pairs = step.asked.labelled
+        return rewards.labelled_fingering([math.dist(point(k), tips[f].tolist()) for k, f in pairs])
     if kind == "off":
         return 0.0
-    points = [simulation.press_point(key) for key in step.asked.keys]
-    tips = tips[simulation.scene.fingers]  # of the hands in the scene
-    return rewards.optimal_transport_fingering(tips, np.array(points).reshape(-1, 3))
+    points = np.array([point(key) for key in step.asked.keys]).reshape(-1, 3)
+    # Of the hands in the scene.
+    return rewards.optimal_transport_fingering(tips[simulation.scene.fingers], points)
 
 
 def _forearm(step: StepView) -> float:
@@ -169,10 +165,7 @@ def _distance(step: StepView) -> float:
 
 def _log_likelihood(step: StepView) -> float:
     """Return the negative binary cross-entropy between sounding and due keys (and pedal)."""
-    return _mistakes(step) * _LOG_OF_NOTHING
-
-
-_LOG_OF_NOTHING = math.log(1e-6)  # in place of the logarithm of 0
+    return _mistakes(step) * math.log(1e-6)  # in place of the logarithm of 0
 
 
 def _mistakes(step: StepView) -> int:
@@ -192,21 +185,13 @@ def _best_fingering(goal: Goal) -> float:
     return {"labels": labelled, "optimal-transport": len(goal), "off": 0}[goal.fingering_reward]
 
 
-def _best_forearm(goal: Goal) -> float:
-    return len(goal) * goal.forearm_reward
-
-
-def _best_strike(goal: Goal) -> float:
-    return int(np.count_nonzero(goal.roll.onset))
-
-
 TERMS: Mapping[str, Term] = {
     "key_press": Term(_key_press, 1.0, _best_key_press),
     "sustain": Term(_sustain, 1.0, len),
     "energy": Term(_energy, 0.005),
     "fingering": Term(_fingering, 1.0, _best_fingering),
-    "forearm": Term(_forearm, 0.5, _best_forearm),
-    "strike": Term(_strike, 0.0, _best_strike),
+    "forearm": Term(_forearm, 0.5, lambda goal: len(goal) * goal.forearm_reward),
+    "strike": Term(_strike, 0.0, lambda goal: int(np.count_nonzero(goal.roll.onset))),
 }
 """Terms of scenes with hands."""
 
@@ -218,15 +203,13 @@ SELF_ACTUATED_TERMS: Mapping[str, Term] = {
 """Terms of scenes without hands, where actuators drive the keys."""
 
 
-def _weights(terms: Mapping[str, Term]) -> Mapping[str, float]:
-    return MappingProxyType({name: term.weight for name, term in terms.items()})
-
-
-DEFAULT_REWARD_WEIGHTS = _weights(TERMS)
+DEFAULT_REWARD_WEIGHTS = MappingProxyType({name: term.weight for name, term in TERMS.items()})
 """RoboPianist's weights. ``energy`` is in watts and ``strike`` counts strikes; the other terms are
 in [0, 1]."""
 
-SELF_ACTUATED_REWARD_WEIGHTS = _weights(SELF_ACTUATED_TERMS)
+SELF_ACTUATED_REWARD_WEIGHTS = MappingProxyType(
+    {name: term.weight for name, term in SELF_ACTUATED_TERMS.items()}
+)
 """Weights of scenes without hands, where actuators drive the keys. ``distance`` is RoboPianist's
 default there, ``log_likelihood`` its alternative."""
 

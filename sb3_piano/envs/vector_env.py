@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -20,6 +20,8 @@ from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError
 from sb3_piano.music import Score, load_score
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import ThreadTeam
+
+T = TypeVar("T")
 
 
 class PianoVectorEnv(SyncVectorEnv[Any, Any]):
@@ -71,11 +73,11 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
             score, options = own_score(score, options)
         envs = [
             PianoEnv(source, render_mode=render_mode, **options)
-            for source in _one_for_each(score, num_envs)
+            for source in _scores(score, num_envs)
         ]
         _check_same_size(envs)
         # Built first, so that errors have this package's messages.
-        limited = envs if limit is None else [TimeLimit(env, limit) for env in envs]
+        limited: list[Any] = envs if limit is None else [TimeLimit(env, limit) for env in envs]
         super().__init__([functools.partial(_same, env) for env in limited], autoreset_mode=mode)
         self._env_obs: list[Any] = [None] * num_envs
         self._slot_infos: list[list[dict[str, Any]]] = [[] for _ in envs]
@@ -103,12 +105,17 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
             ConfigError: If ``seed`` or ``options`` does not fit the environments.
             ScoreError: If a score cannot be read or played.
         """
-        seeds = self._seeds(seed)
+        count = self.num_envs
+        seeds = (
+            [None if seed is None else int(seed) + slot for slot in range(count)]
+            if seed is None or isinstance(seed, int | np.integer)
+            else _one_for_each("seed", seed, count)
+        )
         options = dict(reset_options(options))
         mask = self._checked_mask(options.pop("reset_mask", None))
         each: list[dict[str, Any]] = [dict(options) for _ in self.envs]
         if "score" in options:
-            for slot, score in enumerate(_one_for_each(options["score"], self.num_envs)):
+            for slot, score in enumerate(_scores(options["score"], count)):
                 each[slot]["score"] = score
 
         def begin(slot: int) -> None:
@@ -140,7 +147,11 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
             EnvStateError: If an environment has not been reset; see ``autoreset_mode``.
             SimulationDivergedError: If the physics of an environment became unstable.
         """
-        rows = self._checked_actions(actions)
+        rows = action_numbers(actions)  # the environments check the numbers of their rows
+        if rows.shape != self.action_space.shape:
+            raise InvalidActionError(
+                f"The actions have shape {rows.shape}: expected {self.action_space.shape}."
+            )
         self._team.run(lambda slot: self._play(slot, rows[slot]))
         self._autoreset_envs = self._terminations | self._truncations
         return (
@@ -193,42 +204,21 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
                 merged = self._add_info(merged, info, slot)
         return merged
 
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + slot for slot in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ConfigError(
-                f"seed has {len(seed)} numbers: expected one number, or one for each of "
-                f"{self.num_envs} environments."
-            )
-        return list(seed)
-
     def _checked_mask(self, mask: Any) -> BoolArray:
         if mask is None:
             mask = np.ones(self.num_envs, dtype=np.bool_)
-        if getattr(mask, "dtype", None) != np.bool_ or mask.shape != (self.num_envs,):
+        wanted = getattr(mask, "dtype", None) == np.bool_ and mask.shape == (self.num_envs,)
+        if not wanted or not mask.any():
             raise ConfigError(
-                f"reset_mask is {mask!r}: expected a numpy array of {self.num_envs} bool."
+                f"reset_mask is {mask!r}: expected a numpy array of {self.num_envs} bool with at "
+                "least one True."
             )
-        if not mask.any():
-            raise ConfigError("reset_mask has no True: expected at least one environment.")
         for slot, observation in enumerate(self._env_obs):
             if observation is None and not mask[slot]:
                 raise EnvStateError(
                     f"Environment {slot} has never been reset: expected True for it in reset_mask."
                 )
         return mask
-
-    def _checked_actions(self, actions: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Check the actions' shape, one row for each environment; these check their rows."""
-        rows = action_numbers(actions)
-        if rows.shape != self.action_space.shape:
-            raise InvalidActionError(
-                f"The actions have shape {rows.shape}: expected {self.action_space.shape}."
-            )
-        return rows
 
 
 def _same(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
@@ -244,24 +234,25 @@ def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
         raise ConfigError(f"autoreset_mode is {mode!r}: expected one of {valid}.") from None
 
 
-def _one_for_each(score: ScoreSource | Sequence[ScoreSource], count: int) -> list[Score]:
+def _scores(score: ScoreSource | Sequence[ScoreSource], count: int) -> list[Score]:
     if isinstance(score, str) or not isinstance(score, Sequence):
         return [load_score(score)] * count
-    if len(score) != count:
+    return [load_score(source) for source in _one_for_each("score", score, count)]
+
+
+def _one_for_each(name: str, given: Sequence[T], count: int) -> Sequence[T]:
+    if len(given) != count:
         raise ConfigError(
-            f"score has {len(score)} entries: expected one score, or one for each of {count} "
+            f"{name} has {len(given)} entries: expected one {name}, or one for each of {count} "
             "environments."
         )
-    return [load_score(source) for source in score]
+    return given
 
 
 def _check_same_size(envs: Sequence[PianoEnv]) -> None:
-    sizes = [env.observation_layout.size for env in envs]
-    if len(set(sizes)) > 1:
-        listed = ", ".join(
-            f"{slot}: {size} ({env.score.title!r})"
-            for slot, (env, size) in enumerate(zip(envs, sizes, strict=True))
-        )
+    sizes = [(env.observation_layout.size, env.score.title) for env in envs]
+    if len({size for size, _ in sizes}) > 1:
+        listed = ", ".join(f"{i}: {size} ({title!r})" for i, (size, title) in enumerate(sizes))
         raise ConfigError(
             f"The environments' observations differ in size - {listed}: expected scores with "
             f"one size, or another observation than {envs[0].config.observation!r}."

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from sb3_piano.engine import mujoco
 from sb3_piano.hands.forearm import TurnedForearm, rotation_matrix
 from sb3_piano.hands.spec import HandSpec
 
+_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _EXACT = 1e-12  # smaller values are rounding errors, of unit vectors and m
 _EVEN_STEPS = 3
 _LONGEST_EVEN_STEP = 0.3  # rad
@@ -73,38 +74,6 @@ class _Bends:
         return distance, (tip.conj() * turned).real / distance
 
 
-class SceneWithHands(Protocol):
-    """Protocol of the scene, a ``PianoScene``."""
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """MuJoCo's model."""
-
-    @property
-    def hand(self) -> HandSpec:
-        """Specification of the hand."""
-
-    @property
-    def sides(self) -> tuple[Any, ...]:
-        """Hands in the scene."""
-
-    @property
-    def joints(self) -> tuple[IntArray, ...]:
-        """Joints of each hand."""
-
-    @property
-    def fingertip_geom(self) -> IntArray:
-        """(f h,) geoms of the last finger links."""
-
-    @property
-    def actuator_of_joint(self) -> FloatArray:
-        """(nu, m) matrix from joint positions to actuator positions."""
-
-    @property
-    def actuator_role(self) -> tuple[str, ...]:
-        """Role of each actuator."""
-
-
 class HandKinematics:
     """Forward kinematics of the f fingertips of a hand (0 right, 1 left) from actuator positions.
 
@@ -113,10 +82,10 @@ class HandKinematics:
     actuator are assumed to bend equally.
     """
 
-    def __init__(self, scene: SceneWithHands, hand: int):
-        model = scene.model
-        self.hand = hand
-        self.spec = scene.hand
+    def __init__(self, scene: Any, hand: int):
+        """Take a hand of a ``PianoScene``."""
+        model, self.hand = scene.model, hand
+        self.spec: HandSpec = scene.hand
         """Specification of the hand, with the roles of its parts."""
         place = scene.sides.index(("right", "left")[hand])
         count = model.nu // len(scene.sides)
@@ -129,9 +98,8 @@ class HandKinematics:
         number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
         moves = scene.actuator_of_joint[np.ix_(self.actuators, number == place)]
         self._actuator_of_joint = np.asarray(moves)
-        self.joint_of_actuator = np.ascontiguousarray(
-            (moves / (moves * moves).sum(axis=1, keepdims=True)).T
-        )
+        share = moves / (moves * moves).sum(axis=1, keepdims=True)
+        self.joint_of_actuator = np.ascontiguousarray(share.T)
         """(m, n) matrix from actuator to joint positions; the joints of a tendon share equally."""
         self.names = tuple(self.spec.short(model.actuator(int(i)).name) for i in self.actuators)
         """Short names of the actuators."""
@@ -142,10 +110,8 @@ class HandKinematics:
         self.sign = 1 if hand == 0 else -1
         """1 for the right hand, whose little finger is farthest along y; -1 for the left hand."""
         assert not model.jnt_pos[self.joint_ids].any(), "joints are at their bodies' origins"
-        sliders = model.jnt_type[self.joint_ids] == int(mujoco.mjtJoint.mjJNT_SLIDE)
-        self._slides = {
-            int(j): _ways(model.jnt_axis[self.joint_ids[j]]) for j in np.flatnonzero(sliders)
-        }
+        sliders = np.flatnonzero(model.jnt_type[self.joint_ids] != _HINGE).tolist()
+        self._slides = {j: _ways(model.jnt_axis[self.joint_ids[j]]) for j in sliders}
         """Axes of the sliders in their bodies' frames. A hinge is its link's third axis, see
         `_Link`."""
         actuators = np.abs(self.joint_of_actuator).argmax(axis=1).tolist()
@@ -156,7 +122,7 @@ class HandKinematics:
         """(f,) radius of each fingertip, m."""
         self._build_chains(model, geoms)
         self._bends = self._find_bends()
-        self._place_arm(scene)
+        self._place_arm(model)
         self.middle = float(self.arm(np.zeros((1, self.size)))[0])
         """Place of the forearm, and of the middle finger, with all joints at 0, m."""
 
@@ -165,20 +131,13 @@ class HandKinematics:
         """Number of actuators of the hand."""
         return len(self.actuators)
 
-    def index(self, name: str) -> int:
-        """Return the index of the hand's actuator with a short name."""
-        return self.names.index(name)
-
     def arm(self, positions: FloatArray) -> FloatArray:
         """Compute the forearm's place across the keys at (s, n) actuator positions, (s,) m.
 
-        The place of a turned forearm is that of a straight one as near to the other forearm. An
-        inward turn moves its end towards the other forearm, but less far than the hand.
+        The place of a turned forearm is that of a straight one as near to the other forearm.
         """
         place = self._arm_offset + positions @ self.arm_slope
-        if self._turned is None:
-            return np.asarray(place)
-        return np.asarray(place + self._turned(positions)[0])
+        return np.asarray(place if self._turned is None else place + self._turned(positions)[0])
 
     def arm_slopes(self, positions: FloatArray) -> FloatArray:
         """Compute the derivatives of :meth:`arm` by the actuators, (s, n), or (n,) if constant."""
@@ -265,9 +224,7 @@ class HandKinematics:
         """
         angles = self.joint_of_actuator @ positions.T
         sines, cosines = np.sin(angles), np.cos(angles)
-        axes: dict[int, FloatArray] = {}
-        places: list[FloatArray] = []
-        frames: list[FloatArray] = []
+        axes, places, frames = dict[int, FloatArray](), list[FloatArray](), list[FloatArray]()
         for link in self._links:
             if link.parent < 0:
                 columns = np.repeat(link.rotation.T[..., None], len(positions), axis=2)
@@ -292,27 +249,21 @@ class HandKinematics:
 
     def _tips(self, places: list[FloatArray], frames: list[FloatArray]) -> FloatArray:
         """Compute the fingertips, (f, 3, s) m."""
-        return np.stack(
-            [
-                _moved(places[link], frames[link], offset)
-                for link, offset in zip(self._tip_link, self._tip_offset, strict=True)
-            ]
-        )
+        tips = zip(self._tip_link, self._tip_offset, strict=True)
+        return np.stack([_moved(places[link], frames[link], offset) for link, offset in tips])
 
-    def _place_arm(self, scene: SceneWithHands) -> None:
-        along = self.along
-        joint = int(self.joint_ids[int(np.argmax(self.joint_of_actuator[:, along]))])
-        body = int(scene.model.jnt_bodyid[joint])
-        axis = rotation_matrix(scene.model.body_quat[body]) @ scene.model.jnt_axis[joint]
-        self._arm_offset = float(scene.model.body_pos[body, 1])
+    def _place_arm(self, model: mujoco.MjModel) -> None:
+        along, driven = self.along, self.joint_ids[self.joint_of_actuator.argmax(axis=0)].tolist()
+        body = int(model.jnt_bodyid[driven[along]])
+        self._arm_offset = float(model.body_pos[body, 1])
         self.arm_slope = np.zeros(self.size)
         """(n,) derivatives of the forearm's place across the keys by the actuators."""
+        axis = rotation_matrix(model.body_quat[body]) @ model.jnt_axis[driven[along]]
         self.arm_slope[along] = axis[1]
         self._turned = None
         if "yaw" in self.roles:
             yaw = self.roles.index("yaw")
-            joint = int(self.joint_ids[int(np.argmax(self.joint_of_actuator[:, yaw]))])
-            self._turned = TurnedForearm.of(scene.model, joint, yaw, self.sign)
+            self._turned = TurnedForearm.of(model, driven[yaw], yaw, self.sign)
 
     def _build_chains(self, model: mujoco.MjModel, geoms: IntArray) -> None:
         """Number the bodies from the hand's root to its fingertips, parents first."""
@@ -347,7 +298,7 @@ def _turn(model: mujoco.MjModel, body: int) -> FloatArray:
 
 def _turns(model: mujoco.MjModel, joints: tuple[int, ...]) -> FloatArray:
     """Compute the rotation from the third axis to the hinge of a link, if it has one."""
-    if not joints or model.jnt_type[joints[-1]] != int(mujoco.mjtJoint.mjJNT_HINGE):
+    if not joints or model.jnt_type[joints[-1]] != _HINGE:
         return np.eye(3)
     quaternion = np.empty(4)
     mujoco.mju_quatZ2Vec(quaternion, model.jnt_axis[joints[-1]])
@@ -358,11 +309,10 @@ def _groups(model: mujoco.MjModel, body: int) -> list[tuple[int, ...]]:
     """Group the joints of a body by link: its sliders, then each of its hinges."""
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     joints = range(first, first + count)
-    hinges = [j for j in joints if model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_HINGE)]
+    hinges = [j for j in joints if model.jnt_type[j] == _HINGE]
     sliders = tuple(j for j in joints if j not in hinges)
     assert max(sliders, default=-1) < min(hinges, default=model.njnt), "sliders come first"
-    first_ones = [sliders] if sliders or not hinges else []
-    return first_ones + [(j,) for j in hinges]
+    return [*([sliders] if sliders or not hinges else []), *((j,) for j in hinges)]
 
 
 def _ways(offset: FloatArray) -> _Ways:
@@ -381,11 +331,7 @@ def _postures_first(array: FloatArray) -> FloatArray:
 
 
 def _path_from_world(model: mujoco.MjModel, body: int) -> list[int]:
-    path = []
-    while body > 0:
-        path.append(body)
-        body = int(model.body_parentid[body])
-    return path[::-1]
+    return [*_path_from_world(model, int(model.body_parentid[body])), body] if body > 0 else []
 
 
 def _links(

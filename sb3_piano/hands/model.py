@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from typing import Any
 
 from sb3_piano.engine import mujoco
@@ -43,21 +43,35 @@ def build_hand(
     Raises:
         ConfigError: If MuJoCo cannot read the hand's file, or it lacks parts named in ``hand.yml``.
     """
-    spec = _read(hand, side)
+    spec, reduced = _read(hand, side), hand.reduced_action_space
     _check(spec, hand, side)
     _remove(spec, hand, set(hand.forearm.joints.values()) - set(forearm_dofs))
     if reduced_action_space:
-        _reduce(spec, hand)
+        _remove(spec, hand, reduced.removed)
+        for element, name, limits in _joints_and_actuators(spec, hand):
+            if name in reduced.ranges:
+                setattr(element, limits, reduced.ranges[name])
     for body in spec.bodies[1:]:
         body.gravcomp = float(gravity_compensation)
-    if coupled_friction_only:
-        _drop_friction(spec, hand)
-    if playing_contacts_only:
-        playing = {link for links in hand.fingers.values() for link in links}
-        for geom in spec.geoms:
-            _mask(geom, side, meets_keys=hand.short(geom.parent.name) in playing)
-    if capsule_forearm:
-        _take_capsule(spec, hand)
+    for joint in spec.joints if coupled_friction_only else ():
+        if hand.short(joint.name) not in hand.coupled:
+            joint.frictionloss = 0.0
+    playing = {link for links in hand.fingers.values() for link in links}
+    for geom in spec.geoms:
+        link = hand.short(geom.parent.name)
+        if playing_contacts_only:
+            # Two geoms collide if the contype of one shares a bit with the conaffinity of the
+            # other, so one bit of the left hand's contype and the right hand's conaffinity is
+            # enough for the two hands.
+            other = _OTHER_HAND if side == "left" else 0
+            geom.contype, geom.conaffinity = (
+                (link in playing) * _KEYBOARD | other,
+                _OTHER_HAND - other,
+            )
+        capsule = hand.forearm.capsule if capsule_forearm and link == hand.forearm.body else None
+        if capsule is not None and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+            geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_CAPSULE, ""
+            geom.size, geom.pos = [*capsule.size, 0], capsule.pos
     return spec
 
 
@@ -95,77 +109,33 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
                     f"'{spec.modelname}' does not have.{near_names(name, known)} Expected one of "
                     f"{', '.join(sorted(known))}."
                 )
+    kinds = [mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE]
     for body in spec.bodies[1:]:
-        if not _is_simple(body):
+        order = [kinds.index(j.type) if j.type in kinds else -1 for j in body.joints]
+        if order != sorted(order) or -1 in order or any(j.pos.any() for j in body.joints):
             raise ConfigError(
                 f"The joints of {body.name!r} of '{spec.modelname}' do not fit: expected sliders, "
                 "then hinges, at the body's origin."
             )
-        if hand.short(body.name) in hand.tips and not _is_fingertip(body):
+        shapes = [geom.type for geom in body.geoms]
+        is_tip = shapes[:1] == [mujoco.mjtGeom.mjGEOM_CAPSULE] and len(body.sites) == 1
+        if hand.short(body.name) in hand.tips and not is_tip:
             raise ConfigError(
                 f"The fingertip {body.name!r} of '{spec.modelname}' is none: expected a link whose "
                 "first geom is a capsule, with one site."
             )
 
 
-def _is_simple(body: mujoco.MjsBody) -> bool:
-    """Check that a body has sliders, then hinges, all at its origin."""
-    kinds = [mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE]
-    order = [kinds.index(j.type) if j.type in kinds else -1 for j in body.joints]
-    is_ordered = order == sorted(order) and -1 not in order
-    return is_ordered and not any(joint.pos.any() for joint in body.joints)
-
-
-def _is_fingertip(body: mujoco.MjsBody) -> bool:
-    first = next(iter(body.geoms), None)
-    is_capsule = first is not None and first.type == mujoco.mjtGeom.mjGEOM_CAPSULE
-    return is_capsule and len(body.sites) == 1
-
-
-def _reduce(spec: mujoco.MjSpec, hand: HandSpec) -> None:
-    """Remove joints and their actuators, and narrow the ranges of others."""
-    reduced = hand.reduced_action_space
-    _remove(spec, hand, reduced.removed)
-    for elements, name_of in ((spec.actuators, "target"), (spec.joints, "name")):
-        for element in elements:
-            name = hand.short(getattr(element, name_of))
-            if name in reduced.ranges:
-                limits = "ctrlrange" if name_of == "target" else "range"
-                setattr(element, limits, reduced.ranges[name])
+def _joints_and_actuators(spec: mujoco.MjSpec, hand: HandSpec) -> Iterator[tuple[Any, str, str]]:
+    """Yield each actuator and joint, the short name of its joint, and its attribute for limits."""
+    for actuator in list(spec.actuators):
+        yield actuator, hand.short(actuator.target), "ctrlrange"
+    for joint in list(spec.joints):
+        yield joint, hand.short(joint.name), "range"
 
 
 def _remove(spec: mujoco.MjSpec, hand: HandSpec, joints: Container[str]) -> None:
     """Remove joints and their actuators."""
-    for elements, name_of in ((spec.actuators, "target"), (spec.joints, "name")):
-        for element in list(elements):
-            if hand.short(getattr(element, name_of)) in joints:
-                spec.delete(element)
-
-
-def _drop_friction(spec: mujoco.MjSpec, hand: HandSpec) -> None:
-    for joint in spec.joints:
-        if hand.short(joint.name) not in hand.coupled:
-            joint.frictionloss = 0.0
-
-
-def _take_capsule(spec: mujoco.MjSpec, hand: HandSpec) -> None:
-    """Replace the forearm's meshes by the hand's capsule, if it has one."""
-    capsule = hand.forearm.capsule
-    for geom in spec.geoms:
-        on_forearm = hand.short(geom.parent.name) == hand.forearm.body
-        if capsule is not None and on_forearm and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
-            geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_CAPSULE, ""
-            geom.size, geom.pos = [*capsule.size, 0], capsule.pos
-
-
-def _mask(geom: mujoco.MjsGeom, side: Side, *, meets_keys: bool) -> None:
-    """Let a geom of a hand collide with the other hand, and with the keyboard if ``meets_keys``.
-
-    Two geoms collide if the contype of one shares a bit with the conaffinity of the other, so one
-    bit of the left hand's contype and the right hand's conaffinity is enough.
-    """
-    keyboard = _KEYBOARD if meets_keys else 0
-    if side == "right":
-        geom.contype, geom.conaffinity = keyboard, _OTHER_HAND
-    else:
-        geom.contype, geom.conaffinity = keyboard | _OTHER_HAND, 0
+    for element, name, _ in _joints_and_actuators(spec, hand):
+        if name in joints:
+            spec.delete(element)

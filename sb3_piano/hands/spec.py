@@ -11,7 +11,7 @@ import functools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import numpy as np
 import yaml
@@ -37,12 +37,11 @@ DEFAULT_HAND = "shadow"
 SPEC_FILE = "hand.yml"
 
 _HANDS = Path(__file__).parent
-_FINGERS = ("thumb", "index", "middle", "ring", "little")
 
 Side = Literal["right", "left"]
 FingerName = Literal["thumb", "index", "middle", "ring", "little"]
 ForearmRole = Literal["along", "across", "up", "roll", "pitch", "yaw"]
-Role = Literal["along", "across", "up", "roll", "pitch", "yaw", "wrist", "abduction", "finger"]
+Role = ForearmRole | Literal["wrist", "abduction", "finger"]
 """Role of a joint: slide along the keyboard, across it (towards the keys' hinges) or up; turn the
 forearm about its own axis, up or to the side; bend the wrist; spread fingers; or bend fingers."""
 
@@ -151,26 +150,25 @@ class HandSpec:
     def __post_init__(self) -> None:
         if len({*self.prefix.values(), ""}) < 3:
             raise ConfigError(f"prefix is {self.prefix}: expected two texts, one for each side.")
-        names = tuple(self.fingers)
-        if len(names) < 3 or names != _FINGERS[: len(names)]:
+        names, all_names = tuple(self.fingers), get_args(FingerName)
+        if len(names) < 3 or names != all_names[: len(names)]:
             raise ConfigError(
-                f"fingers are {', '.join(names)}: expected {', '.join(_FINGERS)} in this order, of "
-                "which the last ones may be missing."
+                f"fingers are {', '.join(names)}: expected {', '.join(all_names)} in this order, "
+                "of which the last ones may be missing."
             )
         if "along" not in self.forearm.joints:
             raise ConfigError("forearm['joints'] has no 'along': expected the slider's name.")
-        count = len(names)
-        for name in ("nearest", "farthest"):
-            if [len(row) for row in getattr(self.reach, name)] != [count] * count:
-                raise ConfigError(
-                    f"reach[{name!r}] does not fit {count} fingers: expected {count} rows of "
-                    f"{count} distances."
+        n, reach = len(names), self.reach
+        of_rows = {"nearest": reach.nearest, "farthest": reach.farthest}
+        shapes = {name: [len(row) for row in rows] == [n] * n for name, rows in of_rows.items()}
+        for name, fits in {**shapes, "gaps": len(reach.gaps) == n - 1}.items():
+            if not fits:
+                expected = (
+                    f"{n - 1}, one for each two neighbours" if name == "gaps" else f"{n} x {n}"
                 )
-        if len(self.reach.gaps) != count - 1:
-            raise ConfigError(
-                f"reach['gaps'] has {len(self.reach.gaps)} distances: expected {count - 1}, one "
-                "for each two neighbours."
-            )
+                raise ConfigError(
+                    f"reach[{name!r}] does not fit {n} fingers: expected {expected} distances."
+                )
 
     def __hash__(self) -> int:
         return hash(self.source)
@@ -181,7 +179,7 @@ class HandSpec:
     @property
     def folder(self) -> Path:
         """Folder of its files."""
-        return _HANDS / self.source if self.source.isidentifier() else Path(self.source)
+        return _HANDS / self.source  # an absolute path stays one
 
     @property
     def tips(self) -> tuple[str, ...]:
@@ -191,12 +189,12 @@ class HandSpec:
     @functools.cached_property
     def nearest(self) -> FloatArray:
         """(f, f) :attr:`Reach.nearest`, m."""
-        return _read_only(self.reach.nearest)
+        return np.array(self.reach.nearest)
 
     @functools.cached_property
     def farthest(self) -> FloatArray:
         """(f, f) :attr:`Reach.farthest`, m."""
-        return _read_only(self.reach.farthest)
+        return np.array(self.reach.farthest)
 
     def forearm_dofs(self, names: Sequence[str] | None = None) -> tuple[str, ...]:
         """Check names of the forearm's joints and return them, by default ``DEFAULT_FOREARM``'s.
@@ -226,12 +224,9 @@ class HandSpec:
 
     def role(self, joint: str) -> Role:
         """Return the role of a joint, given its short name."""
-        for role, name in self.forearm.joints.items():
-            if joint == name:
-                return role
-        if joint in self.wrist:
-            return "wrist"
-        return "abduction" if joint in self.abduction else "finger"
+        other: Role = "abduction" if joint in self.abduction else "finger"
+        roles: dict[str, Role] = {name: role for role, name in self.forearm.joints.items()}
+        return "wrist" if joint in self.wrist else roles.get(joint, other)
 
 
 def find_hand(hand: str | os.PathLike[str] = DEFAULT_HAND) -> HandSpec:
@@ -241,15 +236,12 @@ def find_hand(hand: str | os.PathLike[str] = DEFAULT_HAND) -> HandSpec:
         ConfigError: If it does not exist, or its ``hand.yml`` is damaged.
     """
     text = os.fspath(hand)
-    if not text.isidentifier():
-        text = str(Path(text).resolve())
-    return _read(text)
+    return _read(text if text.isidentifier() else str(Path(text).resolve()))
 
 
 @functools.lru_cache(maxsize=32)
 def _read(source: str) -> HandSpec:
-    folder = _HANDS / source  # an absolute path stays one
-    file = folder / SPEC_FILE
+    file = _HANDS / source / SPEC_FILE  # an absolute path stays one
     if not file.is_file():
         known = sorted(found.parent.name for found in _HANDS.glob(f"*/{SPEC_FILE}"))
         raise ConfigError(
@@ -266,21 +258,11 @@ def read_entries(file: Path, kind: Callable[..., T], **more: Any) -> T:
         ConfigError: If the file does not have valid settings; the message names the file.
     """
     try:
-        content = yaml.load(file.read_bytes(), _Loader)
+        content = yaml.load(file.read_bytes(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        if not isinstance(content, Mapping):
+            raise ConfigError("it has no entries: expected a mapping.")
+        return kind(**{**content, **more})
     except yaml.YAMLError as error:
         raise ConfigError(f"'{file}' is no YAML: {one_line(error)}.") from error
-    if not isinstance(content, Mapping):
-        raise ConfigError(f"'{file}' has no entries: expected a mapping.")
-    try:
-        return kind(**{**content, **more})
     except ConfigError as error:
         raise ConfigError(f"'{file}': {error}") from error
-
-
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-def _read_only(table: tuple[tuple[float, ...], ...]) -> FloatArray:
-    array = np.array(table)
-    array.flags.writeable = False
-    return array

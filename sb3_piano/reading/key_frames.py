@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,8 +45,7 @@ _LEAP_RELEASE_SHARE = np.array([0.1, 0.5, 0.8])
 _MIXED_STATES = 3
 
 
-@dataclass(frozen=True, eq=False)
-class KeyFrames:
+class KeyFrames(NamedTuple):
     """Targets of a hand's f fingertips over s states; state 0 is the start."""
 
     target: FloatArray
@@ -55,16 +54,12 @@ class KeyFrames:
     """(s, f, 3) weights, per m; 0 for fingers without a target."""
     on_black: BoolArray
     """(s, f) fingers that press a black key, or are about to."""
-
     to_black: BoolArray
     """(s, f) fingers that move to a black key, or from it."""
 
-    def between(self, start: int, stop: int) -> KeyFrames:
+    def between(self, start: int, stop: int | None) -> KeyFrames:
         """Return the targets of the states from ``start`` to ``stop``."""
-        part = slice(start, stop)
-        return KeyFrames(
-            self.target[part], self.weight[part], self.on_black[part], self.to_black[part]
-        )
+        return KeyFrames._make(array[start:stop] for array in self)
 
 
 def key_frames(
@@ -84,17 +79,12 @@ def key_frames(
         n_states: Number of states.
         radius: (f,) radius of the fingertips, m.
         keys: The keyboard.
-        hover: Height of a finger over its next key, m.
-        hold_depth: Depth of a key while it is down, a share of its travel.
+        hover: Value in place of :data:`HOVER`.
+        hold_depth: Value in place of :data:`HOLD_DEPTH`.
     """
     shape = (n_states, len(radius))
-    frames = KeyFrames(
-        target=np.zeros((*shape, 3)),
-        weight=np.zeros((*shape, 3)),
-        on_black=np.zeros(shape, dtype=bool),
-        to_black=np.zeros(shape, dtype=bool),
-    )
-    rank = np.zeros(shape, dtype=int)
+    vectors, flags = (np.zeros((2, *shape, 3)), np.zeros((2, *shape), dtype=bool))
+    frames, rank = KeyFrames(*vectors, *flags), np.zeros(shape, dtype=int)
     places = [hand_place(one.press.key, one.press.finger, sign) for one in timed]
     # Fingers that hold keys in each state, each with its place of the hand.
     held: list[list[tuple[int, float]]] = [[] for _ in range(n_states)]
@@ -150,8 +140,7 @@ def _targets(
 
 def _mixed(timed: Sequence[TimedPress]) -> list[bool]:
     """Check for each press whether its hand plays keys of the other colour at about that time."""
-    first = np.array([one.press.first for one in timed], dtype=int)
-    last = np.array([one.press.last for one in timed], dtype=int)
-    black = np.array([bool(KEY_IS_BLACK[one.press.key]) for one in timed], dtype=bool)
+    rows = [(one.press.first, one.press.last, KEY_IS_BLACK[one.press.key]) for one in timed]
+    first, last, black = np.array(rows, dtype=int).reshape(-1, 3).T
     near = (first <= last[:, None] + _MIXED_STATES) & (last >= first[:, None] - _MIXED_STATES)
     return np.asarray((near & (black != black[:, None])).any(axis=1)).tolist()

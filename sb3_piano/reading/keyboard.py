@@ -33,7 +33,7 @@ class KeyPlaces:
     max_angle: FloatArray
     """(88,) angle when fully down, rad."""
     holding_torque: FloatArray
-    """(88,) torque of the springs when fully down, N m."""
+    """(88,) torque of the springs when fully down, N m; rigid keys get a moving key's."""
 
     @classmethod
     def of(cls, scene: PianoScene) -> KeyPlaces:
@@ -41,31 +41,24 @@ class KeyPlaces:
         data = mujoco.MjData(scene.model)
         mujoco.mj_kinematics(scene.model, data)
         centre, half = data.geom_xpos[scene.key_geom], scene.model.geom_size[scene.key_geom]
+        # Keys are the first joints of their bodies, and have no other.
+        joints = scene.model.body_jntadr[scene.model.geom_bodyid[scene.key_geom[scene.moving_keys]]]
+        turn = scene.key_max_angle[scene.moving_keys] - scene.model.qpos_spring[scene.key_qpos]
+        stiffness = np.asarray(scene.model.jnt_stiffness[joints]).reshape(len(joints), -1)[:, 0]
+        torque = np.full(len(half), np.max(stiffness * turn))
+        torque[scene.moving_keys] = stiffness * turn
         return cls(
             y=centre[:, 1].copy(),
             top=centre[:, 2] + half[:, 2],
             hinge=centre[:, 0] - half[:, 0],
             max_angle=scene.key_max_angle,
-            holding_torque=_holding_torque(scene),
+            holding_torque=torque,
         )
 
     def height(self, key: int, x: float, depth: float) -> float:
         """Compute the height of a key's top at ``x``, m; ``depth`` is a share of its travel."""
         drop = (x - self.hinge[key]) * np.tan(depth * self.max_angle[key])
         return float(self.top[key] - drop)
-
-
-def _holding_torque(scene: PianoScene) -> FloatArray:
-    """Compute the torques of fully pressed keys' springs; rigid keys get a moving key's."""
-    model = scene.model
-    joints = [int(np.flatnonzero(model.jnt_qposadr == address)[0]) for address in scene.key_qpos]
-    torque = np.empty(len(scene.key_max_angle))
-    moving = np.arange(len(torque))[scene.moving_keys]
-    stiffness = np.asarray(model.jnt_stiffness[joints]).reshape(len(joints), -1)[:, 0]
-    rest = model.qpos_spring[scene.key_qpos]
-    torque[:] = np.max(stiffness * (scene.key_max_angle[moving] - rest))
-    torque[moving] = stiffness * (scene.key_max_angle[moving] - rest)
-    return torque
 
 
 def press_x(key: int, finger: int, mixed: bool) -> float:

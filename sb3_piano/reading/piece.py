@@ -80,16 +80,14 @@ def read_piece(
     in :func:`time_presses`.
     """
     robot = hands[0].spec
-    apart = robot.forearm.apart if arms_apart is None else arms_apart
-    roll = release_early(roll, robot)
-    n_states = len(roll) + 1
-    read = []
+    roll, n_states, read = release_early(roll, robot), len(roll) + 1, []
     for side, hand in enumerate(hands):
         presses = time_presses(presses_of_hand(roll, side), hand.sign, stretch, hurry, robot)
         frames = key_frames(presses, hand.sign, n_states, hand.radius, keys, hover, hold_depth)
         place, busy = wanted_places(frames, hand.sign, hand.middle)
         read.append(HandReading(presses=presses, frames=frames, place=place, busy=busy))
     right, left = read
+    apart = robot.forearm.apart if arms_apart is None else arms_apart
     line = dividing_line((right.place, left.place), (right.busy, left.busy), apart)
     return Reading(roll=roll, hands=(right, left), line=line)
 
@@ -116,14 +114,10 @@ def wanted_places(frames: KeyFrames, sign: int, rest: float) -> tuple[FloatArray
 def dividing_line(
     places: Sequence[FloatArray], busy: Sequence[BoolArray], apart: float
 ) -> FloatArray:
-    """Compute an initial line between the arms, (s,) m.
+    """Compute an initial line between the arms, (s,) m, which keeps them ``apart``, m.
 
-    It is in the middle between two busy hands; an idle hand gives way to a busy one.
-
-    Args:
-        places: Target places of the right and the left hand, (s,) m each.
-        busy: Whether they play, (s,) bool each.
-        apart: Least distance of the arms, m.
+    It is in the middle between two busy hands; an idle hand gives way to a busy one. Places, (s,)
+    m, and ``busy``, (s,) bool, are those of the right and the left hand.
     """
     right, left = places
     extra = np.where(busy[0] & busy[1], 0.0, _IDLE_APART)

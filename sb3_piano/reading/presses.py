@@ -63,6 +63,7 @@ def time_presses(
     timed = [TimedPress(press, press.first, press.last) for press in presses]
     places = [hand_place(press.key, press.finger, sign) for press in presses]
     leaps: list[tuple[int, int, float]] = []
+    moving = set()  # first states of presses to which the hand leaps
     for later, earlier in _neighbours(presses):
         before, after = presses[earlier], presses[later]
         same_finger = before.finger == after.finger
@@ -72,11 +73,8 @@ def time_presses(
             timed[earlier] = replace(timed[earlier], repeated=rest <= 1)
         elif is_leap(distance, same_finger):
             leaps.append((later, earlier, distance))
-    moving = {
-        presses[later].first
-        for later, earlier, _ in leaps
-        if not within_stretch(presses[earlier], presses[later], sign, stretch, robot)
-    }
+            if not within_stretch(before, after, sign, stretch, robot):
+                moving.add(after.first)
     for later, earlier, distance in leaps:
         before, after = presses[earlier], presses[later]
         if after.first in moving:

@@ -40,23 +40,16 @@ def unheld(roll: PianoRoll) -> list[Problem]:
     They have no finger, are released early, or are left out. Other problems need a plan. The roll
     must come from :func:`~sb3_piano.music.fingering.robot.release_early`.
     """
-    found = [*_fingerless(roll), *_released(roll)]
-    return sorted(found, key=lambda problem: problem.time)
-
-
-def _fingerless(roll: PianoRoll) -> list[Problem]:
-    """Find the notes without a finger: more notes sound at once than a hand can hold."""
-    left_out = {(one.release, one.key) for one in roll.early_releases}
-    return [
-        problem_of(roll.control_timestep, key, step, UNKNOWN_FINGER, "no finger is left for it")
+    timestep, left_out = (
+        roll.control_timestep,
+        {(one.release, one.key) for one in roll.early_releases},
+    )
+    # More notes sound at once than a hand can hold.
+    problems = [
+        problem_of(timestep, key, step, UNKNOWN_FINGER, "no finger is left for it")
         for step, key in np.argwhere(roll.onset & (roll.finger == UNKNOWN_FINGER)).tolist()
         if (step, key) not in left_out
     ]
-
-
-def _released(roll: PianoRoll) -> list[Problem]:
-    """Find the notes that are released before their end, or not struck."""
-    timestep, problems = roll.control_timestep, []
     for one in roll.early_releases:
         if one.onset < one.release == one.offset - 1:  # rounding to control steps, inaudible
             continue
@@ -65,7 +58,7 @@ def _released(roll: PianoRoll) -> list[Problem]:
         if one.release <= one.onset:
             reason = f"left out by the hand, which plays {instead}"
         problems.append(problem_of(timestep, one.key, one.onset, one.finger, reason))
-    return problems
+    return sorted(problems, key=lambda problem: problem.time)
 
 
 def problem_of(

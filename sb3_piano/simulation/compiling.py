@@ -19,7 +19,6 @@ from sb3_piano.settings import Whole, checked
 from sb3_piano.simulation import keyboard
 from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.simulation.scene import SIDES, PianoScene
-from sb3_piano.simulation.tables import load_table
 
 # Offset of the press point from the centre of a key, as in RoboPianist: shares of the half length
 # (away from the hinge) and of the half height (up).
@@ -57,15 +56,9 @@ def compile_scene(
     Raises:
         ConfigError: If the physics profile or the hand is unknown, or keys or joints do not exist.
     """
-    options: dict[str, Any] = {
-        "reduced_action_space": reduced_action_space,
-        "gravity_compensation": gravity_compensation,
-        "physics": physics,
-        "moving_keys": moving_keys,
-        "sides": sides,
-        "hand": find_hand(hand).source,
-        "forearm_dofs": find_hand(hand).forearm_dofs(forearm_dofs),
-    }
+    options: dict[str, Any] = dict(locals())  # the arguments
+    found = find_hand(hand)
+    options |= {"hand": found.source, "forearm_dofs": found.forearm_dofs(forearm_dofs)}
     return assemble_scene(scene_parts(**options), options)
 
 
@@ -76,7 +69,7 @@ def assemble_scene(parts: Sequence[mujoco.MjSpec], options: Mapping[str, Any]) -
         parts: Parts from :func:`scene_parts`, possibly with added geoms.
         options: Arguments of :func:`scene_parts`.
     """
-    prefixes = [f"{part.modelname}/" for part in parts[2:]]
+    prefixes = [f"{part.modelname}/" for part in parts[2:]]  # of the names of each hand
     return _index_scene(attach_parts(parts).compile(), prefixes, options)
 
 
@@ -107,8 +100,10 @@ def scene_parts(
     Args and errors are as for :func:`compile_scene`, which attaches each part to its own body of
     the world and prefixes all names with the part's name and a slash.
     """
-    _check_moving_keys(*moving_keys)
-    profile = physics_profile(physics)
+    first, last = moving_keys
+    checked("first moving key", first, Annotated[Whole, Ge(0), Le(NUM_KEYS - 1)])
+    checked("last moving key", last, Annotated[Whole, Ge(first), Le(NUM_KEYS - 1)])
+    profile, robot = physics_profile(physics), find_hand(hand)
     world = mujoco.MjSpec()
     world.modelname = "scene"
     world.option.timestep, world.option.integrator = profile.timestep, profile.integrator
@@ -120,19 +115,15 @@ def scene_parts(
         world.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     _furnish(world)
     piano = keyboard.build_keyboard(
-        balanced=profile.balanced_keys,
-        rebound=profile.key_rebound,
-        gravity=not weightless,
-        moving_keys=moving_keys,
-        driven=not sides,
+        profile, gravity=not weightless, moving_keys=moving_keys, driven=not sides
     )
     hands = [
         build_hand(
-            find_hand(hand),
+            robot,
             side,
             reduced_action_space=reduced_action_space,
             gravity_compensation=gravity_compensation and not weightless,
-            forearm_dofs=find_hand(hand).forearm_dofs(forearm_dofs),
+            forearm_dofs=robot.forearm_dofs(forearm_dofs),
             coupled_friction_only=profile.coupled_friction_only,
             playing_contacts_only=profile.playing_contacts_only,
             capsule_forearm=profile.capsule_forearms,
@@ -148,11 +139,6 @@ def _number_unnamed(spec: mujoco.MjSpec, prefix: str = "") -> None:
     for kind, elements in unnamed.items():
         for number, element in enumerate(e for e in elements if not e.name):
             element.name = f"{prefix}/unnamed_{kind}_{number}"
-
-
-def _check_moving_keys(first: int, last: int) -> None:
-    first = checked("first moving key", first, Annotated[Whole, Ge(0), Le(NUM_KEYS - 1)])
-    checked("last moving key", last, Annotated[Whole, Ge(first), Le(NUM_KEYS - 1)])
 
 
 def _furnish(spec: mujoco.MjSpec) -> None:
@@ -195,13 +181,11 @@ def _index_scene(
 ) -> PianoScene:
     """Look up all names once; ``prefixes`` begin the names of each hand."""
     (first, last), sides = options["moving_keys"], options["sides"]
-    moving, table = slice(first, last + 1), load_table("keyboard")
-    colors = [key["color"] for key in table["keys"]]
-    max_angle = np.array([table[color]["max_angle"] for color in colors])
-    names = [f"piano/{color}_joint_{key}" for key, color in enumerate(colors)]
-    key_joint = np.array([model.joint(name).id for name in names[moving]])
-    names = [f"piano/{color}_key_{key}" for key, color in enumerate(colors)]
-    key_geom = np.array([model.geom(name).id for name in names])
+    moving, table = slice(first, last + 1), keyboard.table()
+    colors = list(enumerate(key["color"] for key in table["keys"]))
+    max_angle = np.array([table[color]["max_angle"] for _, color in colors])
+    key_joint = np.array([model.joint(f"piano/{c}_joint_{key}").id for key, c in colors[moving]])
+    key_geom = np.array([model.geom(f"piano/{color}_key_{key}").id for key, color in colors])
     addresses = model.jnt_qposadr[key_joint].astype(np.intp)
     assert (np.diff(addresses) == 1).all(), "keys are joints in a row"
     press_offset = np.zeros((NUM_KEYS, 3))
@@ -210,11 +194,16 @@ def _index_scene(
     hand = find_hand(options["hand"])
     bodies = [_of_hand(model, "body", prefix, hand) for prefix in prefixes]
     tips = [body[link] for body in bodies for link in hand.tips]
-    forearms = [body[hand.forearm.body] for body in bodies]
-    forearm_geoms = [np.flatnonzero(model.geom_bodyid == body).tolist() for body in forearms]
+    forearm_geoms = tuple(
+        np.flatnonzero(model.geom_bodyid == body[hand.forearm.body]).tolist() for body in bodies
+    )
     of_hands = [_of_hand(model, "joint", prefix, hand) for prefix in prefixes]
     hand_joints = tuple(_forearm_last(joints, hand) for joints in of_hands)
     sliders = [joints[hand.forearm.joints["along"]] for joints in of_hands]
+    pressed = mujoco.MjData(model)
+    pressed.qpos[addresses] = max_angle[moving]
+    mujoco.mj_kinematics(model, pressed)
+    axes = pressed.geom_xmat[key_geom].reshape(-1, 3, 3)
     return PianoScene(
         model=model,
         sides=sides,
@@ -225,30 +214,17 @@ def _index_scene(
         key_sounding_angle=max_angle - table["sounding_margin"],
         key_slice=slice(int(addresses[0]), int(addresses[-1]) + 1),
         key_geom=key_geom,
-        key_boxes=_boxes_of_pressed_keys(model, key_joint, key_geom, max_angle[moving]),
+        key_boxes=(pressed.geom_xpos[key_geom], axes, model.geom_size[key_geom]),
         key_press_offset=press_offset,
         fingertip_site=np.array([np.flatnonzero(model.site_bodyid == b)[0] for b in tips], np.intp),
         fingertip_geom=model.body_geomadr[tips].astype(np.intp),
         joints=hand_joints,
         actuator_of_joint=_actuator_of_joint(model, hand_joints),
-        forearm_geoms=tuple(forearm_geoms),
+        forearm_geoms=forearm_geoms,
         forearm_reach=_forearm_reach(model, forearm_geoms) if len(sides) > 1 else 0.0,
         slider_qpos=model.jnt_qposadr[sliders].astype(np.intp),
         hand=hand,
         options=options,
-    )
-
-
-def _boxes_of_pressed_keys(
-    model: mujoco.MjModel, key_joint: IntArray, key_geom: IntArray, max_angle: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    data = mujoco.MjData(model)
-    data.qpos[model.jnt_qposadr[key_joint]] = max_angle
-    mujoco.mj_kinematics(model, data)
-    return (
-        data.geom_xpos[key_geom],
-        data.geom_xmat[key_geom].reshape(-1, 3, 3),
-        model.geom_size[key_geom],
     )
 
 
@@ -277,15 +253,19 @@ def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> Fl
     return moment[:, [model.jnt_dofadr[joint] for joints in hands for joint in joints]]
 
 
-def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
+def _forearm_reach(model: mujoco.MjModel, geoms: Sequence[list[int]]) -> float:
     """Compute the largest distance of touching forearms' first geoms along the keyboard, m.
 
     The extent of forearms that only slide is constant; the geoms of forearms that turn stay within
-    spheres.
+    spheres around the first one.
     """
     bodies = [model.geom_bodyid[shapes[0]] for shapes in geoms]
     if (model.jnt_type[np.isin(model.jnt_bodyid, bodies)] != mujoco.mjtJoint.mjJNT_SLIDE).any():
-        return sum(_farthest(model, shapes) for shapes in geoms)
+        away = [np.linalg.norm(model.geom_pos[s] - model.geom_pos[s[0]], axis=1) for s in geoms]
+        beyond = model.geom_rbound + model.geom_margin
+        return sum(
+            float((far + beyond[s]).max()) + _CLEARANCE for far, s in zip(away, geoms, strict=True)
+        )
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     row = data.geom_xmat[:, 3:6]  # world y in the frame of each geom
@@ -294,9 +274,3 @@ def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
     low = [(middle - half)[shapes].min() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
     high = [(middle + half)[shapes].max() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
     return float(max(high[0] - low[1], high[1] - low[0]))
-
-
-def _farthest(model: mujoco.MjModel, shapes: list[int]) -> float:
-    """Compute the largest distance from a body's first geom to the ends of its geoms, m."""
-    away = np.linalg.norm(model.geom_pos[shapes] - model.geom_pos[shapes[0]], axis=1)
-    return float((away + model.geom_rbound[shapes] + model.geom_margin[shapes]).max()) + _CLEARANCE

@@ -8,24 +8,17 @@ import sys
 
 
 def find_gl_backend() -> str | None:
-    """Find a usable MuJoCo rendering backend.
+    """Return a usable MuJoCo rendering backend, or ``None``.
 
     The environment variable ``MUJOCO_GL`` decides if set. Otherwise the backend is ``"glfw"`` with
     a screen, and on Linux without one ``"egl"`` or ``"osmesa"``, the first whose library is
     installed.
-
-    Returns:
-        ``"glfw"``, ``"egl"``, ``"osmesa"``, another value of ``MUJOCO_GL``, or ``None`` if no
-        backend is usable.
     """
     chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
     if chosen:
         return chosen
-    if not sys.platform.startswith("linux"):
+    has_screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if has_screen or not sys.platform.startswith("linux"):
         return "glfw"
-    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        return "glfw"
-    for backend, library in (("egl", "EGL"), ("osmesa", "OSMesa")):
-        if ctypes.util.find_library(library) is not None:
-            return backend
-    return None
+    libraries = {"egl": "EGL", "osmesa": "OSMesa"}
+    return next((gl for gl, name in libraries.items() if ctypes.util.find_library(name)), None)

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+import functools
+import json
+from pathlib import Path
 from typing import Any
 
 from sb3_piano.engine import mujoco
 from sb3_piano.music.constants import NUM_KEYS
-from sb3_piano.simulation.tables import load_table
+from sb3_piano.simulation.physics import PhysicsProfile
 
 KEY_COLORS = {"white": (0.92, 0.92, 0.9, 1.0), "black": (0.12, 0.12, 0.13, 1.0)}
 """RGBA of a key at rest, by the key's colour."""
 
 _BASE_COLOR = (0.18, 0.15, 0.14, 1.0)
-
-# MuJoCo's default, m/s^2.
-_GRAVITY = 9.81
+_GRAVITY = 9.81  # MuJoCo's default, m/s^2
 
 ALL_KEYS_MOVE = (0, NUM_KEYS - 1)
 """Lowest and highest moving key without rigid keys."""
-
 
 # Servos of driven keys, with our own constants: the stiffness (N m/rad) holds a key down against
 # its spring within 5 % of its travel; the damping (N m s/rad) prevents bouncing. The damping is the
@@ -26,13 +26,20 @@ ALL_KEYS_MOVE = (0, NUM_KEYS - 1)
 _SERVO_STIFFNESS, _DRIVEN_DAMPING = 50.0, 0.5
 
 
+@functools.cache
+def table() -> dict[str, Any]:
+    """Load the dimensions and constants of the 88 keys; callers must not modify them.
+
+    The numbers are from the public RoboPianist simulation (version 1.0.10, MuJoCo 3.17.0), and a
+    model built from them has the same dynamics. Other settings are MuJoCo's defaults.
+    """
+    file = Path(__file__).with_name("keyboard.json")
+    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return found
+
+
 def build_keyboard(
-    *,
-    balanced: bool = False,
-    rebound: float = 0.1,
-    gravity: bool = True,
-    moving_keys: tuple[int, int] = ALL_KEYS_MOVE,
-    driven: bool = False,
+    profile: PhysicsProfile, *, gravity: bool, moving_keys: tuple[int, int], driven: bool
 ) -> mujoco.MjSpec:
     """Make the specification of the keyboard, to attach to a scene.
 
@@ -40,38 +47,29 @@ def build_keyboard(
     ``<color>_joint_<i>``, whose angle is 0 at rest and grows as the key goes down.
 
     Args:
-        balanced: Hold idle keys by their springs alone, see
-            :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
-        rebound: Angle by which a released balanced key may swing past 0, rad.
+        profile: Physics profile, for ``balanced_keys`` and ``key_rebound``.
         gravity: Whether the scene has gravity, which balanced springs then balance.
         moving_keys: Lowest and highest moving key; the others are rigid, but collide as usual.
         driven: Give each moving key a position servo, ``<color>_actuator_<i>``, with a control
             range from up to fully down.
     """
-    table = load_table("keyboard")
-    assert len(table["keys"]) == NUM_KEYS, "keyboard.json must describe all 88 keys"
+    numbers = table()
+    assert len(numbers["keys"]) == NUM_KEYS, "keyboard.json must describe all 88 keys"
     spec = mujoco.MjSpec()
     spec.modelname = "piano"
     spec.compiler.degree = False
-    box = {
-        "type": mujoco.mjtGeom.mjGEOM_BOX,
-        "contype": 0,
-        "conaffinity": 1,
-        **table["contact"],
-    }
-    base = table["base"]
+    kind = mujoco.mjtGeom.mjGEOM_BOX
+    box = {"type": kind, "contype": 0, "conaffinity": 1, **numbers["contact"]}
+    base = numbers["base"]
     spec.worldbody.add_geom(
         name="base", **box, rgba=_BASE_COLOR, size=base["half_size"], pos=base["pos"]
     )
-    joints = {
-        color: _joint(table, table[color], rebound if balanced else None, gravity)
-        for color in KEY_COLORS
-    }
+    joints = {color: _joint(numbers, numbers[color], profile, gravity) for color in KEY_COLORS}
     if driven:
         joints = {color: {**joint, "damping": _DRIVEN_DAMPING} for color, joint in joints.items()}
     first, last = moving_keys
-    for index, key in enumerate(table["keys"]):
-        color, kind = key["color"], table[key["color"]]
+    for index, key in enumerate(numbers["keys"]):
+        color, kind = key["color"], numbers[key["color"]]
         body = spec.worldbody.add_body(
             name=f"{color}_key_{index}", pos=[kind["body_x"], key["y"], kind["body_z"]]
         )
@@ -99,16 +97,15 @@ def build_keyboard(
 
 def pedal_threshold() -> float:
     """Return the pedal command, in [0, 1], at and above which the sustain pedal is down."""
-    threshold: float = load_table("keyboard")["pedal_threshold"]
-    return threshold
+    return float(table()["pedal_threshold"])
 
 
 def _joint(
-    table: dict[str, Any], kind: dict[str, Any], rebound: float | None, gravity: bool
+    numbers: dict[str, Any], kind: dict[str, Any], profile: PhysicsProfile, gravity: bool
 ) -> dict[str, Any]:
-    """Compute the joint settings of keys of one colour, balanced if ``rebound`` is given."""
-    joint, max_angle = table["joint"], kind["max_angle"]
-    if rebound is None:
+    """Compute the joint settings of keys of one colour."""
+    joint, max_angle = numbers["joint"], kind["max_angle"]
+    if not profile.balanced_keys:
         return {**joint, "range": [0, max_angle]}
     # The weight acts at the key's centre. Over a key's travel of about 5 degrees its torque about
     # the hinge (N m) is constant to 0.4 %.
@@ -117,7 +114,7 @@ def _joint(
     stiffness = torque_when_down / max_angle
     return {
         **joint,
-        "range": [-rebound, max_angle],
+        "range": [-profile.key_rebound, max_angle],
         "stiffness": stiffness,
         "springref": -weight_torque / stiffness if gravity else 0.0,
     }

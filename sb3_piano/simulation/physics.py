@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from sb3_piano.engine import mujoco
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.settings import refuse_unknown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,6 @@ class PhysicsProfile:
 
 
 _REFERENCE = PhysicsProfile(timestep=0.005, integrator=mujoco.mjtIntegrator.mjINT_EULER)
-
 _FAST = PhysicsProfile(
     timestep=0.01,
     integrator=mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
@@ -46,7 +45,6 @@ _FAST = PhysicsProfile(
     coupled_friction_only=True,
     playing_contacts_only=True,
 )
-
 _FAITHFUL = dataclasses.replace(
     _REFERENCE, balanced_keys=True, key_rebound=0.002, coupled_friction_only=True
 )
@@ -73,10 +71,5 @@ def physics_profile(name: str) -> PhysicsProfile:
     Raises:
         ConfigError: If no profile has this name.
     """
-    try:
-        return PHYSICS_PROFILES[name]
-    except (KeyError, TypeError):
-        raise ConfigError(
-            f"Unknown physics profile {name!r}: expected one of {sorted(PHYSICS_PROFILES)}."
-            f"{near_names(str(name), PHYSICS_PROFILES)}"
-        ) from None
+    refuse_unknown([name], PHYSICS_PROFILES, "physics profile")
+    return PHYSICS_PROFILES[name]

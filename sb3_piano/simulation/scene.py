@@ -1,9 +1,4 @@
-"""Compiled scene with the index arrays to read its state.
-
-MuJoCo names are looked up once, when the scene is built. In a control step an environment uses only
-the index arrays and constant arrays here. The right hand comes before the left one; a scene may
-have only one hand.
-"""
+"""Compiled scene with the index arrays to read its state: names are looked up only once."""
 
 from __future__ import annotations
 
@@ -123,11 +118,7 @@ class PianoScene:
 
     @functools.cached_property
     def actuator_kind(self) -> npt.NDArray[np.str_]:
-        """(nu,) kind of each actuator, by the part that it moves.
-
-        The kinds are ``"finger"``, ``"wrist"``, ``"forearm"`` (its sliders) and ``"elbow"`` (the
-        hinges of the forearm).
-        """
+        """(nu,) kinds of the actuators, see :func:`kind_of`."""
         return np.array([kind_of(role) for role in self.actuator_role])
 
     @functools.cached_property
@@ -145,11 +136,7 @@ class PianoScene:
 
     def key_angle(self, data: mujoco.MjData) -> FloatArray:
         """Return each key's angle, (88,) rad, clipped to its range (joint limits are soft)."""
-        return self.key_angle_at(data.qpos)
-
-    def key_angle_at(self, qpos: FloatArray) -> FloatArray:
-        """Return each key's angle, (88,) rad, clipped to its range, at joint positions, (nq,)."""
-        return self.clipped_key_angle(qpos[self.key_slice])
+        return self.clipped_key_angle(data.qpos[self.key_slice])
 
     def clipped_key_angle(self, angle: FloatArray) -> FloatArray:
         """Return each key's angle, (88,) rad, clipped to its range, from the moving keys', (n,)."""
@@ -218,7 +205,7 @@ _KINDS |= dict.fromkeys(("roll", "pitch", "yaw"), "elbow")
 
 
 def kind_of(role: str) -> str:
-    """Return the kind, as in ``PianoScene.actuator_kind``, of a joint's role."""
+    """Return the kind of a role: "finger", "wrist", "forearm" for sliders, "elbow" for hinges."""
     return _KINDS.get(role, "finger")
 
 

@@ -15,8 +15,6 @@ from sb3_piano.simulation.scene import PianoScene
 _INSTABILITIES = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
 )
-
-
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 

@@ -26,7 +26,7 @@ def moments(take: Take) -> Iterator[Moment]:
     played = take.piano.key_active
     for k, positions in enumerate(take.qpos):
         due, fingers = roll.due(max(k - 1, 0))
-        sounding = scene.key_angle_at(positions) >= scene.key_sounding_angle
+        sounding = scene.clipped_key_angle(positions[scene.key_slice]) >= scene.key_sounding_angle
         judged = take.judged
         yield Moment(
             qpos=positions,

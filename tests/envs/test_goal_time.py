@@ -6,7 +6,6 @@ import pytest
 from episodes import steps_of
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Pedal, PianoRoll, Score, load_score
 from sb3_piano.wrappers import Lookahead
 
@@ -65,8 +64,3 @@ def test_the_observation_shows_and_the_reward_asks_for_the_end(wrap):
         recalls.append(info["recall"])
     assert terms[1][:-1] == terms[0][1:]  # of hands that rest
     assert recalls[0] == recalls[1] < 1  # metrics judge by the piece as it is
-
-
-def test_another_moment_is_refused():
-    with pytest.raises(ConfigError, match="goal_time"):
-        PianoEnv(SCORE, goal_time="middle")

@@ -4,7 +4,6 @@ import copy
 import itertools
 import pickle
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import assert_checks_pass, at_random, steps_of
@@ -77,6 +76,8 @@ def test_added_blocks_stand_at_the_end_of_any_observation_and_pass_both_checkers
     layout = env.observation_layout
     assert list(layout) == [*bare.observation_layout, "due", "sliders"]
     assert (layout["sliders"].unit, layout["sliders"].shape) == ("m, s", (2, 2))
+    one_hand = PianoEnv(PIECE, hands_in_scene="left", observation_blocks=[Sliders])
+    assert one_hand.observation_layout["sliders"].shape == (2, 1)
     size = bare.observation_layout.size
     for step, (ours, theirs) in enumerate(
         zip(steps_of(env, at_random(env)), steps_of(bare, at_random(bare)), strict=True), start=1
@@ -87,11 +88,6 @@ def test_added_blocks_stand_at_the_end_of_any_observation_and_pass_both_checkers
         sliders = [*env.data.qpos[env.scene.slider_qpos], *[0.05 * at] * 2]
         np.testing.assert_allclose(ours[0][layout["sliders"].slice], sliders, rtol=1e-6)
         assert ours[1:3] == theirs[1:3]
-
-
-def test_one_hand_has_the_shape_that_the_scene_gives_it():
-    env = PianoEnv(PIECE, hands_in_scene="left", observation_blocks=[Sliders])
-    assert env.observation_layout["sliders"].shape == (2, 1)
 
 
 def test_states_copies_and_other_keys_are_observed_alike():
@@ -217,8 +213,3 @@ def test_policies_of_hands_refuse_an_observation_that_is_not_all_of_hands():
     with pytest.raises(ConfigError, match="n_hands is 2, the observation has the blocks right_.*s"):
         HandsSACPolicy(env.observation_space, env.action_space, lambda _: 1e-4)
     HandsSACPolicy(env.observation_space, env.action_space, lambda _: 1e-4, n_hands=1)
-
-
-def test_the_registered_environments_take_them():
-    env = gym.make(ID, observation_blocks=[Due])
-    assert env.reset(seed=0)[0].shape == (1125,)

@@ -170,11 +170,20 @@ def test_crossed_forearms_lose_the_forearm_reward(enabled):
 # Options, scores and randomness.
 
 
-@pytest.mark.parametrize(("reduced", "actions"), [(True, 39), (False, 45)])
-def test_the_action_space_has_robopianists_size(reduced, actions):
-    env = PianoEnv(TINY, reduced_action_space=reduced)
+@pytest.mark.parametrize(
+    ("hands", "reduced", "actions", "joints", "size"),
+    [
+        ("both", True, 39, 46, 1124),
+        ("both", False, 45, 52, 1130),
+        ("right", True, 20, 23, 1096),
+        ("left", False, 23, 26, 1099),
+    ],
+)
+def test_the_spaces_have_robopianists_sizes(hands, reduced, actions, joints, size):
+    env = PianoEnv(TINY, reduced_action_space=reduced, hands_in_scene=hands)
     assert env.action_space.shape == (actions,)
-    assert env.reset(seed=0)[0].shape == (1124 if reduced else 1130,)
+    assert env.model.nq == 88 + joints
+    assert env.reset(seed=0)[0].shape == (size,)
 
 
 def test_leading_silence_is_trimmed_unless_asked_for():

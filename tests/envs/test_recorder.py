@@ -113,5 +113,5 @@ def test_good_playing_is_done_by_the_fingers_that_the_score_names(performance):
     *_, (*_, resting) = steps_of(env, lambda _: env.rest_action)
     assert (resting["f1"], resting["onset_f1"]) == (info["noop_f1"], 0.0)
     assert info["normalized_return"] == pytest.approx(
-        float(np.sum(performance["reward"])) / env._goal.highest_return, rel=0.01
+        float(np.sum(performance["reward"])) / env.goal.highest_return, rel=0.01
     )

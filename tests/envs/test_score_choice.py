@@ -60,7 +60,7 @@ def test_the_slots_of_a_vector_transform_their_scores_each_with_its_own_generato
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"tempo": 2}, ConfigError, "Unknown reset option 'tempo': expected 'score' or 'trans"),
+        ({"tempo": 2}, ConfigError, "Unknown reset option 'tempo'. Expected one of score, tr"),
         ({"transform": lambda score, random: None}, ConfigError, "'transform' made a NoneType of"),
         ({"transform": 3}, ConfigError, "'transform' is 3, which ends with TypeError"),
         ({"transform": lambda score: score}, ConfigError, "takes 1 positional argument but 2"),

@@ -108,9 +108,6 @@ def test_an_action_between_sounds_from_some_angle_on():
         (lambda env: KeyRange(env, "piece", simulated=True), "driven themselves cannot be made"),
         (lambda env: make_player("planned", env), "without hands has nobody"),
         (lambda env: make_player("sight-reader", env), "without hands has nobody"),
-        (lambda _: without_hands(observation="fingers"), "observation is 'fingers', but no hand"),
-        (lambda _: without_hands(observation="hands"), "observation is 'hands', but no hand"),
-        (lambda _: without_hands(reward_weights={"energy": 1}), "Unknown reward term 'energy'"),
     ],
 )
 def test_what_needs_hands_says_so(make, message):

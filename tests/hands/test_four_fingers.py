@@ -3,12 +3,9 @@
 import shutil
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from short_scores import score_of
-from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music.fingering.robot import release_early
@@ -17,7 +14,6 @@ from sb3_piano.players.rollout import rollout
 from sb3_piano.viewing.take import Take
 
 LEAP = Path(__file__).parents[2] / "examples" / "leap_hand"
-OBSERVATIONS = pytest.mark.parametrize("observation", ["roll", "window", "fingers", "hands"])
 C4 = 60
 
 
@@ -29,15 +25,6 @@ def five_fingers():
 
 def leap_env(**options):
     return PianoEnv(five_fingers(), **{"hand": LEAP, "hands_in_scene": "right", **options})
-
-
-@OBSERVATIONS
-def test_its_environment_passes_the_checks_of_gymnasium_and_sb3(observation, recwarn):
-    env = gym.make("RoboPianist-v0", score=five_fingers(), hand=LEAP, observation=observation)
-    check_env(env.unwrapped, skip_render_check=True)
-    check_env_of_sb3(env)
-    assert not recwarn.list
-    assert env.action_space.shape == (2 * 18 + 1,)
 
 
 @pytest.mark.parametrize("fingering", ["keep", "ergonomic", "robot"])

@@ -6,12 +6,14 @@ import shutil
 from pathlib import Path
 
 import pytest
+from yaml_rows import Tables
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hands import find_hand
 from sb3_piano.simulation import compile_scene
 
+tables = Tables(__file__)
 PACKAGE = Path(sb3_piano.__file__).parent
 ROOT = Path(__file__).parents[2]
 JOINTS = re.compile(r"WRJ|[FMRL]FJ\d|THJ|forearm_t[xyz]")
@@ -57,19 +59,7 @@ def test_roles_are_those_of_hand_yml():
     assert hand.short("lh_shadow_hand/lh_A_FFJ0") == "FFJ0"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("title:", "titel:", "'titel'.*'title'"),
-        ("height: 0.0187", "height: -1", r"height.*-1.*above 0"),
-        ("  thumb: [thmiddle, thdistal]\n", "", "fingers are index.*expected thumb, index"),
-        ("{along: forearm_tx, across", "{across", "no 'along'"),
-        ("gaps: [0.012, ", "gaps: [", r"gaps.*3 distances: expected 4"),
-        ("    - [0, 0, 0, 0, 0.012]\n", "", "reach.'nearest'. does not fit 5 fingers"),
-        ("prefix: {", "prefix: [", "is no YAML"),
-        ("left: lh_}", "left: rh_}", "prefix is.*expected two texts"),
-    ],
-)
+@tables("old, new, message")
 def test_what_is_wrong_in_hand_yml_is_told_with_its_path(own_hand, old, new, message):
     change(own_hand / "hand.yml", old, new)
     with pytest.raises(ConfigError, match=message) as caught:
@@ -77,15 +67,7 @@ def test_what_is_wrong_in_hand_yml_is_told_with_its_path(own_hand, old, new, mes
     assert str(own_hand / "hand.yml") in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("wrist: [WRJ2, WRJ1]", "wrist: [WRJ2, WRJ3]", "joint 'WRJ3'.*'WRJ2'"),
-        ("ring: [rfmiddle, rfdistal]", "ring: [rfmiddle]", "fingertip 'rh_rfmiddle'.*one site"),
-        ("LFJ0: 1", "LFJ9: 1", "actuator 'LFJ9'"),
-        ("body: forearm", "body: four", "body 'four'"),
-    ],
-)
+@tables("old, new, message")
 def test_what_the_model_lacks_is_told_by_its_role(own_hand, old, new, message):
     change(own_hand / "hand.yml", old, new)
     with pytest.raises(ConfigError, match=message):

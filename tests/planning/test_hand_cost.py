@@ -52,7 +52,7 @@ def busy_cost(hand, full=True, n_states=24):
     random = np.random.default_rng(hand)
     share = random.uniform(0, 0.5, (n_states, 1))
     positions = (1 - share) * rest_of(scene, hand) + share * random_positions(kinematics, n_states)
-    positions[:, kinematics.index("forearm_tx")] *= 0.2  # near the keys of the presses
+    positions[:, kinematics.names.index("forearm_tx")] *= 0.2  # near the keys of the presses
     bound = kinematics.arm(positions) + random.uniform(-0.02, 0.02, n_states)
     return cost_of(hand, frames, bound, full), positions
 
@@ -84,9 +84,13 @@ def test_the_quadratic_model_is_that_of_finite_differences(hand, full):
 def test_a_fingertip_inside_the_row_of_black_keys_costs_unless_it_plays_one(hand, playing):
     kinematics, inside = hand_of(scene_of(), hand), at_rest(hand)
     free = inside.copy()
-    free[0, kinematics.index("forearm_ty")] = kinematics.low[kinematics.index("forearm_ty")]
+    free[0, kinematics.names.index("forearm_ty")] = kinematics.low[
+        kinematics.names.index("forearm_ty")
+    ]
     # Towards the keys' hinges.
-    inside[0, kinematics.index("forearm_ty")] = kinematics.high[kinematics.index("forearm_ty")]
+    inside[0, kinematics.names.index("forearm_ty")] = kinematics.high[
+        kinematics.names.index("forearm_ty")
+    ]
     frames = no_frames()
     frames.weight[:] = float(playing)
     assert total(cost_of(hand, frames), free, "wall") == 0, "in front of them"

@@ -204,7 +204,7 @@ def test_an_arm_is_not_planned_beyond_the_end_of_its_rail():
     octave = score_of(*((onset, onset + 0.3, pitch, finger) for onset, pitch, finger in octaves))
     scene = scene_of()
     made = planned(octave)
-    inwards = hand_of(scene, 0).index("forearm_ty")
+    inwards = hand_of(scene, 0).names.index("forearm_ty")
     low, high = scene.ctrl_low[inwards], scene.ctrl_high[inwards]
     assert made.positions[:, inwards].max() > high - 0.02, "it is needed"
     assert made.positions[:, inwards].max() < high + 0.001

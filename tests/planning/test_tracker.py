@@ -78,7 +78,7 @@ def test_after_the_last_step_the_last_one_goes_on(made):
 
 def aside(made, distance):
     """Return a turn of the ring finger's knuckle that takes its tip aside by so much, m."""
-    knuckle, ahead = HAND.index("RFJ4"), np.zeros(SCENE.model.nu)
+    knuckle, ahead = HAND.names.index("RFJ4"), np.zeros(SCENE.model.nu)
     _, slopes = HAND.fingertips_and_jacobian(made.hands[0].positions[[STEP]])
     ahead[knuckle] = distance / slopes[0, 3, 1, knuckle]
     return ahead

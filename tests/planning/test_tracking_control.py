@@ -155,7 +155,7 @@ def solved(iterations=N_ITERATIONS, forces=None):
 @pytest.mark.slow
 def test_against_keys_that_push_back_hands_are_told_to_go_farther():
     """What a key does to a finger, the command makes up for: the finger is where it was."""
-    bends = KINEMATICS.index("FFJ3")
+    bends = KINEMATICS.names.index("FFJ3")
     push = np.zeros((N_STATES, SIZE))
     push[5:15, bends] = -0.05
     _, free, _, _ = solved()

@@ -53,7 +53,7 @@ def test_arms_on_their_sides_of_a_line_do_not_touch_and_hands_come_nearer_than_a
     scene = scene_of(full=False, forearm_dofs=TURNING)
     right, left = hand_of(scene, 0), hand_of(scene, 1)
     random, nearest = np.random.default_rng(1), np.inf
-    yaw, along = right.index("forearm_yaw"), right.index("forearm_tx")
+    yaw, along = right.names.index("forearm_yaw"), right.names.index("forearm_tx")
     for _ in range(200):
         here, there = np.zeros((1, right.size)), np.zeros((1, left.size))
         here[0, yaw], there[0, yaw] = random.uniform(right.low[yaw], right.high[yaw], 2)

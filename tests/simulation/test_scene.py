@@ -4,9 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.simulation import compile_scene
-from sb3_piano.simulation.physics import physics_profile
 
 
 def test_the_model_needs_no_mesh_file_and_has_one_mesh_a_forearm():
@@ -59,11 +57,6 @@ def test_equal_arguments_share_one_compiled_scene_and_a_copy_has_its_own():
     assert scene.model.opt.timestep == 0.005
 
 
-def test_an_unknown_physics_profile_is_answered_with_a_near_name():
-    with pytest.raises(ConfigError, match=r"profile 'referense'.*'reference'"):
-        physics_profile("referense")
-
-
 def test_the_boxes_of_pressed_keys_lie_where_pressed_keys_are():
     """A key turns about its hinge by its largest angle: its far end goes down, its length stays."""
     scene = compile_scene()
@@ -108,18 +101,3 @@ def test_actuators_are_where_the_joints_that_they_drive_are(reduced):
         row = scene.model.actuator(f"{hand}_shadow_hand/{hand}_A_{finger[-2:]}J0").id
         driven = [names[j] for j in np.flatnonzero(scene.actuator_of_joint[row])]
         assert sorted(driven) == [f"{finger}J1", f"{finger}J2"]
-
-
-@pytest.mark.parametrize("physics", ["reference", "fast"])
-def test_forearms_touch_where_mujoco_finds_a_contact_of_theirs(physics):
-    scene = compile_scene(physics=physics)
-    model, data = scene.model, mujoco.MjData(scene.model)
-    forearm = [model.body(f"{side}h_shadow_hand/{side}h_forearm").id for side in "rl"]
-    found = []
-    for offset in np.linspace(-0.4, 0.4, 161):  # the hands meet, and pass each other
-        data.qpos[scene.slider_qpos] = [0.0, offset]
-        mujoco.mj_forward(model, data)
-        bodies = model.geom_bodyid[data.contact.geom]
-        found.append(any(sorted(pair) == sorted(forearm) for pair in bodies.tolist()))
-        assert scene.forearms_touch(data) == found[-1]
-    assert 5 < sum(found) < 100

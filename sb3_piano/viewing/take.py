@@ -28,7 +28,7 @@ from sb3_piano.music.roll import EarlyRelease
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.unfinished import scratch_folder
-from sb3_piano.viewing.film import film, moments
+from sb3_piano.viewing.film import film, moment_count, moments
 from sb3_piano.viewing.human_renderer import HumanRenderer
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture, View
@@ -427,7 +427,9 @@ def show_take(take: Take, *, view: View = "stage") -> None:
 def _write_video(
     take: Take, path: Path, audio: Path, picture: Picture, progress: Progress | None
 ) -> None:
-    total, size = len(take.qpos), (picture.width, picture.height)
+    total, size = moment_count(take, picture.fps), (picture.width, picture.height)
     tell = None if progress is None else lambda done: progress(done, total)
+    if tell is not None:
+        tell(0)
     with contextlib.closing(film(take, picture)) as frames:
-        write_video(path, frames, 1.0 / take.period, audio, size, progress=tell)
+        write_video(path, frames, picture.fps, audio, size, progress=tell)

@@ -7,7 +7,7 @@ import itertools
 import math
 import os
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,10 @@ from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture
 
 if TYPE_CHECKING:
     from sb3_piano.viewing.take import Take
+
+Frame = npt.NDArray[np.uint8]
+_Opened = Callable[[], PerformanceRenderer]
+_Draw = Callable[[PerformanceRenderer, Moment], Frame]
 
 _MOST_THREADS = 4
 _AHEAD = 3
@@ -43,7 +47,7 @@ def moments(take: Take, fps: float | None = None) -> Iterator[Moment]:
     each = 1.0 if fps is None else 1.0 / (fps * take.period)
     f1, scored = None, 0
     for k in range(moment_count(take, fps)):
-        step = min(round(k * each, 6), len(qpos) - 1.0)
+        step = min(round(k * each, 9), len(qpos) - 1.0)
         before, share = int(step), step % 1.0
         positions = qpos[before]
         if share:
@@ -70,9 +74,7 @@ def moment_count(take: Take, fps: float | None = None) -> int:
     return steps if fps is None else max(round(steps * take.period * fps), 1)
 
 
-def film(
-    take: Take, picture: Picture = DEFAULT_PICTURE
-) -> Generator[npt.NDArray[np.uint8], None, None]:
+def film(take: Take, picture: Picture = DEFAULT_PICTURE) -> Generator[Frame, None, None]:
     """Draw a take as the environment's ``render`` draws every step.
 
     Threads draw the pictures, each with a drawing context of its own.
@@ -83,43 +85,54 @@ def film(
     Raises:
         RenderingError: If this machine cannot draw; the message says what to install.
     """
-    roll, title = take.piano.roll, take.piano.title
-    # GLFW draws in the main thread only.
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    threads = 0 if find_gl_backend() == "glfw" else min(cores or 1, _MOST_THREADS)
+    roll, title, seen = take.piano.roll, take.piano.title, moments(take, picture.fps)
 
     def opened() -> PerformanceRenderer:
         return PerformanceRenderer(
             take.scene, width=picture.width, height=picture.height, view=picture.view
         )
 
-    def frames_here() -> Generator[npt.NDArray[np.uint8], None, None]:
-        with contextlib.closing(opened()) as renderer:
-            for seen in moments(take, picture.fps):
-                yield renderer.render(roll, title, seen)
+    def draw(renderer: PerformanceRenderer, moment: Moment) -> Frame:
+        return renderer.render(roll, title, moment)
 
-    def frames() -> Generator[npt.NDArray[np.uint8], None, None]:
-        pools = [ThreadPoolExecutor(1, "film") for _ in range(threads)]
-        # Contexts belong to threads: each opens, uses and closes its own.
-        renderers = [pool.submit(opened) for pool in pools]
-        drawn: deque[Future[npt.NDArray[np.uint8]]] = deque()
-        try:
-            [renderer.result() for renderer in renderers]
-            seen = moments(take, picture.fps)
-            for pool, renderer in itertools.cycle(zip(pools, renderers, strict=True)):
-                if (moment := next(seen, None)) is None:
-                    break
-                drawn.append(pool.submit(renderer.result().render, roll, title, moment))
-                if len(drawn) >= _AHEAD * threads:
-                    yield drawn.popleft().result()
-            while drawn:
+    if find_gl_backend() == "glfw":  # it draws in the main thread only
+        return _drawn_here(opened, draw, seen)
+    return _drawn_by_threads(opened, draw, seen, min(_cores(), _MOST_THREADS))
+
+
+def _cores() -> int:
+    linux = hasattr(os, "sched_getaffinity")
+    return len(os.sched_getaffinity(0)) if linux else os.cpu_count() or 1
+
+
+def _drawn_here(
+    opened: _Opened, draw: _Draw, seen: Iterator[Moment]
+) -> Generator[Frame, None, None]:
+    with contextlib.closing(opened()) as renderer:
+        for moment in seen:
+            yield draw(renderer, moment)
+
+
+def _drawn_by_threads(
+    opened: _Opened, draw: _Draw, seen: Iterator[Moment], threads: int
+) -> Generator[Frame, None, None]:
+    # A drawing context belongs to a thread: each opens, uses and closes its own.
+    pools = [ThreadPoolExecutor(1, "film") for _ in range(threads)]
+    renderers = [pool.submit(opened) for pool in pools]
+    drawn: deque[Future[Frame]] = deque()
+    try:
+        ready = [renderer.result() for renderer in renderers]
+        turns = itertools.cycle(zip(pools, ready, strict=True))
+        for (pool, renderer), moment in zip(turns, seen, strict=False):
+            drawn.append(pool.submit(draw, renderer, moment))
+            if len(drawn) >= _AHEAD * threads:
                 yield drawn.popleft().result()
-        finally:
-            for future in drawn:
-                future.cancel()
-            for pool, renderer in zip(pools, renderers, strict=True):
-                if not renderer.exception():
-                    pool.submit(renderer.result().close)
-                pool.shutdown()
-
-    return frames() if threads else frames_here()
+        while drawn:
+            yield drawn.popleft().result()
+    finally:
+        for picture in drawn:
+            picture.cancel()
+        for pool, opening in zip(pools, renderers, strict=True):
+            if opening.exception() is None:
+                pool.submit(opening.result().close)
+            pool.shutdown()

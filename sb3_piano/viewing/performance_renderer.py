@@ -128,7 +128,7 @@ class PerformanceRenderer:
             self._pixels = float(np.ptp(self._places) / np.ptp(key_y))
             still[: self._foot] = _SHEET
             lanes = columns[89:].round().astype(int)
-            still[: self._foot, lanes[(0 <= lanes) & (lanes < still.shape[1])]] = _LANE
+            still[: self._foot, lanes[(lanes >= 0) & (lanes < still.shape[1])]] = _LANE
         return still
 
     def _moving(self, colors: dict[int, Color]) -> Area:

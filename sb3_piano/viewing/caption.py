@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.arrays import Float32Array
 from sb3_piano.viewing.moment import (
     FINGER_COLORS,
     MISSED_COLOR,
@@ -41,9 +40,9 @@ _MARKS: tuple[tuple[str, Color, Color | None], ...] = (
 class _Patch(NamedTuple):
     """A small picture with transparent parts."""
 
-    ink: Float32Array
+    ink: Any
     """(height, width, 3) colours, times their opacity."""
-    rest: Float32Array
+    rest: Any
     """(height, width, 1) transparency."""
 
     def put(self, picture: npt.NDArray[np.uint8], left: int, top: int) -> None:
@@ -103,7 +102,7 @@ def _legend(width: int, size: int, pedal: bool) -> _Patch:
 
     font, edge = _font(size), size // 2
     image = Image.new("RGBA", (width, 2 * size), (8, 8, 10, 190))
-    draw, left = ImageDraw.Draw(image), size
+    draw, left = ImageDraw.Draw(image), float(size)
 
     def mark(name: str, color: Color, rim: Color | None, shape: Any, left: float) -> float:
         fill, outline = (
@@ -123,8 +122,8 @@ def _legend(width: int, size: int, pedal: bool) -> _Patch:
 
 def _patch(image: Any) -> _Patch:
     pixels = np.asarray(image, dtype=np.float32)
-    opacity = pixels[..., 3:] / 255
-    return _Patch(pixels[..., :3] * opacity, 1 - opacity)
+    opacity = pixels[..., 3:] / np.float32(255)
+    return _Patch(pixels[..., :3] * opacity, np.float32(1) - opacity)
 
 
 @functools.lru_cache(maxsize=4)

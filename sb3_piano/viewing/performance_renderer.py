@@ -132,13 +132,11 @@ class PerformanceRenderer:
         return still
 
     def _moving(self, colors: dict[int, Color]) -> Area:
-        """Return the area of the drawing with the hands, and all keys that moved or have colours."""
+        """Return the area of the drawing with the hands and the keys that moved or have colours."""
         stage, data, model = self._stage, self._data, self._stage.model
         moved = np.abs(data.qpos[stage.key_qpos]) > _STILL_ANGLE
-        keys = {*stage.key_geom[stage.moving_keys][moved].tolist(), *colors} - {
-            *self._hands.tolist()
-        }
-        geoms = np.array([*self._hands.tolist(), *sorted(keys)])
+        keys = stage.key_geom[stage.moving_keys][moved]
+        geoms = np.unique(np.concatenate([self._hands, keys, list(colors)])).astype(int)
         box = model.geom_aabb[geoms]
         corners = box[:, None, :3] + _CORNERS * box[:, None, 3:]
         turned = corners @ data.geom_xmat[geoms].reshape(-1, 3, 3).transpose(0, 2, 1)

@@ -26,7 +26,7 @@ _FFMPEG = (
 )
 
 _PRESET = "veryfast"
-"""x264's effort: "medium", its default, takes four times the time for a file that is a bit smaller."""
+"""x264's effort; its default, "medium", takes twice the time, and files are no smaller."""
 _QUALITY = "20"
 """x264's constant rate factor: 0 is lossless, 51 is worst, 18 to 23 look good."""
 

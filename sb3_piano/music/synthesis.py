@@ -16,7 +16,7 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
+from sb3_piano.music.constants import MIN_PITCH
 from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.midi_writing import in_ticks, pedals_in_ticks
 from sb3_piano.music.score import Score
@@ -28,8 +28,9 @@ SAMPLE_RATE = 48_000
 _TAIL = 1.0
 """Time for the last note to fade, s."""
 
-_SPACING = 3
-"""Keys between two recorded ones, from the lowest key."""
+_SPACING, _HIGHEST = 3, 105
+"""Keys between two recorded ones, from the lowest key, and the highest recorded pitch: the
+recording of the last key is nearly a semitone sharp."""
 
 _FULL_VELOCITY = 110
 """Velocity that sounds as loud as recorded, as in the page (``web/src/view/sound.ts``)."""
@@ -169,7 +170,7 @@ def _tone(pitch: int, velocity: float, length: int) -> NDArray[np.float32]:
     from scipy import fft
 
     recorded = MIN_PITCH + _SPACING * round((pitch - MIN_PITCH) / _SPACING)
-    recorded = min(recorded, MAX_PITCH)
+    recorded = min(recorded, _HIGHEST)
     ratio = 2 ** ((pitch - recorded) / 12)
     take = _recording(recorded, math.ceil(length * ratio) + SAMPLE_RATE // 10).copy()
     fade = min(len(take), SAMPLE_RATE // 20)

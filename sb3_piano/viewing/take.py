@@ -25,6 +25,7 @@ from sb3_piano.music import PianoRoll, Score, synthesize, write_midi, write_wav
 from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.music.difficulty import MotionFeatures
 from sb3_piano.music.roll import EarlyRelease
+from sb3_piano.music.synthesis import mp3_bytes
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.unfinished import scratch_folder
@@ -254,12 +255,10 @@ class Take:
 
     def _repr_html_(self) -> str:
         """Return the view of a notebook: player, metrics, and the sound."""
-        with scratch_folder() as folder:
-            sound = Path(folder, "sound.wav")
-            self.save_wav(sound)
-            data = base64.b64encode(sound.read_bytes()).decode()
+        sound = mp3_bytes(synthesize(self.score, at_least=self.duration))
+        data = base64.b64encode(sound).decode()
         text = f"{self.title}, {self.player}: F1 {self.f1:.3f}, onset F1 {self.onset_f1:.3f}"
-        player = f'<audio controls src="data:audio/wav;base64,{data}"></audio>'
+        player = f'<audio controls src="data:audio/mpeg;base64,{data}"></audio>'
         return f"<p>{html.escape(text)}</p>{player}"
 
     def write(self, path: str | os.PathLike[str]) -> None:

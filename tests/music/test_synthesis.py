@@ -44,9 +44,8 @@ def test_a_note_has_the_frequency_of_its_pitch(pitch):
     frequency = 440.0 * 2.0 ** ((pitch - 69) / 12.0)
     sound = synthesize(score((0.0, 1.0, pitch)))[round(0.1 * RATE) : RATE, 0]
     heard = dominant_frequency(sound, RATE, near=frequency)
-    assert (
-        abs(1200.0 * np.log2(heard / frequency)) < 45
-    )  # cents, as high strings of a grand are tuned sharp
+    # Cents; high strings of a grand piano are tuned sharp.
+    assert abs(1200.0 * np.log2(heard / frequency)) < 45
 
 
 @pytest.mark.slow

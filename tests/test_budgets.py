@@ -32,7 +32,7 @@ LINES = {
     "jobs": 872,
     "lab": 5_677,
     "metrics": 1_053,
-    "music": 8_509,
+    "music": 8_584,
     "pipelines": 1_196,
     "planning": 2_720,
     "players": 2_161,
@@ -42,7 +42,7 @@ LINES = {
     "training": 6_288,
     "tuning": 1_303,
     "vec_env": 488,
-    "viewing": 2_563,
+    "viewing": 2_982,
     "wrappers": 2_047,
 }
 
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_371
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_620, "modules": 335, "names": 227},
+    "core": {"lines": 50_114, "modules": 335, "names": 227},
     "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_132},
+    "tests": {"lines": 42_225},
 }
 
 

@@ -68,9 +68,7 @@ def test_the_sdist_holds_every_tracked_file(built, tracked):
     assert tracked - names == set()
 
 
-def test_the_wheel_holds_the_tracked_files_of_the_package_and_the_replay_and_is_small(
-    built, tracked
-):
+def test_the_wheel_holds_the_packages_tracked_files_and_the_replay_and_is_small(built, tracked):
     (wheel,) = built.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}

@@ -24,7 +24,7 @@ from sb3_piano.viewing import PerformanceRenderer, Picture, View, moments, write
 from sb3_piano.viewing.take import Take
 
 PIECE, TITLE, SECONDS = "BachMinuetG", "Petzold: Minuet in G", 8.0
-WIDTH, FPS, COLORS = 640, 12, 96
+WIDTH, FPS, COLORS = 600, 10, 64
 ANIMATION, VIEWS = (Path(__file__).with_name(name) for name in ("playing.gif", "views.jpg"))
 STEP = 80
 """The moment of which there is a picture from each view, a control step."""

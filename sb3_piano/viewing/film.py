@@ -133,6 +133,8 @@ def _drawn_by_threads(
         for picture in drawn:
             picture.cancel()
         for pool, opening in zip(pools, renderers, strict=True):
-            if opening.exception() is None:
-                pool.submit(opening.result().close)
+            # When the interpreter ends, threads end first; the renderer then closes by itself.
+            with contextlib.suppress(RuntimeError):
+                if opening.exception() is None:
+                    pool.submit(opening.result().close)
             pool.shutdown()

@@ -116,7 +116,9 @@ async function start(root: HTMLElement): Promise<void> {
     const moves = playback.playing;
     // Pictures follow the sound, which cannot wait.
     const heard = sound !== null && !sound.paused && sound.readyState >= HTMLMediaElement.HAVE_FUTURE_DATA;
-    playback.tick(heard ? Math.max(0, sound.currentTime - playback.shown) : elapsed);
+    const behind = (): number => (heard ? sound.currentTime - playback.shown : 0);
+    if (!heard) playback.tick(elapsed);
+    while (playback.playing && behind() > 1e-3) playback.tick(behind());
     if (moves && !playback.playing) sound?.pause();
     if (moves || !drawn) draw(elapsed);
     requestAnimationFrame(frame);

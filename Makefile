@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: install demo web replay site lint check quick test suite matrix clean
+.PHONY: install demo web replay wheel site lint check quick test suite matrix clean
 
 install: $(INSTALLED)
 
@@ -31,13 +31,17 @@ web/node_modules: web/package-lock.json
 	cd web && npm ci
 	touch $@
 
-# The player of `sb3-piano report RUN --3d`; wheels that are built afterwards have it, too.
+# The player of `sb3-piano report RUN --3d`; wheels that are built afterwards have it, too. A wheel that
+# is built without it works; `report --3d` then says how to build it.
 REPLAY := sb3_piano/viewing/report/templates/replay.js
 
 replay: $(REPLAY)
 
 $(REPLAY): web/node_modules $(wildcard web/src/*.ts web/src/replay/*.ts web/src/view/*.ts web/src/page/playback.ts)
 	cd web && npm run replay
+
+wheel: $(INSTALLED) replay
+	$(BIN)/python -m build --no-isolation
 
 # The documentation in site/, with the page in the browser and notebooks that are executed; `mkdocs
 # serve` shows it while it is written.

@@ -1,4 +1,4 @@
-"""Pictures of the README and of docs/training.md: untrained hands play a few bars of real music.
+"""Pictures of the README and of docs/watching.md: the sight-reader plays a few bars of music.
 
     python docs/animation.py
 
@@ -24,7 +24,7 @@ from sb3_piano.viewing import PerformanceRenderer, Picture, View, moments, write
 from sb3_piano.viewing.take import Take
 
 PIECE, TITLE, SECONDS = "BachMinuetG", "Petzold: Minuet in G", 8.0
-WIDTH, FPS, COLORS = 640, 10, 96
+WIDTH, FPS, COLORS = 600, 10, 64
 ANIMATION, VIEWS = (Path(__file__).with_name(name) for name in ("playing.gif", "views.jpg"))
 STEP = 80
 """The moment of which there is a picture from each view, a control step."""
@@ -35,7 +35,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_midi(load_score(PIECE).excerpt(0.0, SECONDS), folder / f"{TITLE}.mid")
-        with OpenPlayer.open("sampling:samples=32", score=folder / f"{TITLE}.mid") as player:
+        with OpenPlayer.open("sight-reader", score=folder / f"{TITLE}.mid") as player:
             take = take_of(player)
         print(f"F1 {take.metrics['f1']:.3f}, onset F1 {take.metrics['onset_f1']:.3f}")
         write_animation(take, folder)
@@ -44,9 +44,9 @@ def main() -> None:
 
 def write_animation(take: Take, folder: Path) -> None:
     """Draw a video into a folder, and make a GIF of it with imageio-ffmpeg's ffmpeg."""
-    palette = f"split[a][b];[a]palettegen=max_colors={COLORS}[p];[b][p]paletteuse=dither=bayer"
-    video = write_take(take, folder / "video", Picture(width=1280, height=720)).video
-    filters = f"fps={FPS},scale={WIDTH}:-1:flags=lanczos,{palette}:bayer_scale=5"
+    palette = f"split[a][b];[a]palettegen=max_colors={COLORS}[p];[b][p]paletteuse=dither=none"
+    video = write_take(take, folder / "video", Picture(width=1280, height=720, fps=30)).video
+    filters = f"fps={FPS},scale={WIDTH}:-1:flags=lanczos,{palette}"
     ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error"]
     subprocess.run([*ffmpeg, "-i", str(video), "-vf", filters, str(ANIMATION)], check=True)
     print(f"{ANIMATION}: {ANIMATION.stat().st_size / 1e6:.1f} MB")
@@ -58,7 +58,7 @@ def write_views(take: Take) -> None:
     for view in typing.get_args(View):
         renderer = PerformanceRenderer(take.scene, width=WIDTH, height=360, view=view)
         with contextlib.closing(renderer):
-            performance = take.performance
+            performance = take.piano
             seen = list(moments(take))[STEP]
             drawn.append(renderer.render(performance.roll, performance.title, seen))
     rows = [np.concatenate(drawn[k : k + 2], axis=1) for k in (0, 2)]

@@ -44,13 +44,18 @@ def tracked() -> set[str]:
     return set(run("git", "-C", ROOT, "ls-files", "-z").split("\0")) - {""}
 
 
+REPLAY = "sb3_piano/viewing/report/templates/replay.js"
+"""What `make replay` builds."""
+
+
 @pytest.fixture(scope="module")
 def built(tracked, tmp_path_factory) -> Path:
-    """Build the sdist from the tracked files, and the wheel from the sdist."""
+    """Build the sdist from the tracked files and the replay, and the wheel from the sdist."""
     source, dist = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
     for name in tracked:
         (source / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, source / name)
+    (source / REPLAY).write_text("// as built", encoding="utf-8")
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", dist, source)
     return dist
 
@@ -63,11 +68,12 @@ def test_the_sdist_holds_every_tracked_file(built, tracked):
     assert tracked - names == set()
 
 
-def test_the_wheel_holds_the_tracked_files_of_the_package_and_nothing_else(built, tracked):
+def test_the_wheel_holds_the_packages_tracked_files_and_the_replay_and_is_small(built, tracked):
     (wheel,) = built.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
-    assert names == {name for name in tracked if name.startswith("sb3_piano/")}
+    assert names == {REPLAY, *(name for name in tracked if name.startswith("sb3_piano/"))}
+    assert wheel.stat().st_size < 15e6
 
 
 @pytest.mark.slow

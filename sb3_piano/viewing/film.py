@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+import contextlib
+import itertools
+import math
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.metrics import frame_f1
+from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.viewing.moment import Moment
 from sb3_piano.viewing.performance_renderer import PerformanceRenderer
 from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture
@@ -16,49 +23,118 @@ from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture
 if TYPE_CHECKING:
     from sb3_piano.viewing.take import Take
 
+Frame = npt.NDArray[np.uint8]
+_Opened = Callable[[], PerformanceRenderer]
+_Draw = Callable[[PerformanceRenderer, Moment], Frame]
 
-def moments(take: Take) -> Iterator[Moment]:
+_MOST_THREADS = 4
+_AHEAD = 3
+"""Pictures that each thread may draw before they are used."""
+
+
+def moments(take: Take, fps: float | None = None) -> Iterator[Moment]:
     """Yield the moments of a take: its start, and the end of each control step.
 
     The first moment shows the first step's due keys, each later one those of the step just played.
+
+    Args:
+        take: The take.
+        fps: Moments a second from the start to the end, with interpolated positions; by default
+            those at which the positions were recorded.
     """
-    scene, roll = take.scene, take.piano.roll
-    played = take.piano.key_active
-    for k, positions in enumerate(take.qpos):
-        due, fingers = roll.due(max(k - 1, 0))
+    scene, roll, qpos = take.scene, take.piano.roll, take.qpos
+    played, pedal, judged = take.piano.key_active, take.piano.sustain, take.judged
+    each = 1.0 if fps is None else 1.0 / (fps * take.period)
+    f1, scored = None, 0
+    for k in range(moment_count(take, fps)):
+        step = min(round(k * each, 9), len(qpos) - 1.0)
+        before, share = int(step), step % 1.0
+        positions = qpos[before]
+        if share:
+            positions = positions + share * (qpos[before + 1] - positions)
+        now = max(math.ceil(step) - 1, 0)
+        due, fingers = roll.due(now)
         sounding = scene.clipped_key_angle(positions[scene.key_slice]) >= scene.key_sounding_angle
-        judged = take.judged
+        if judged and before > scored:
+            f1, scored = frame_f1(roll.active[:before], played[:before]), before
         yield Moment(
             qpos=positions,
-            step=k,
+            step=step,
             due=due,
             fingers=fingers,
             sounding=sounding if judged else None,
-            f1=frame_f1(roll.active[:k], played[:k]) if judged and k > 0 else None,
+            f1=f1,
+            pedal=bool(pedal[now]) if len(pedal) else False,
         )
 
 
-def film(
-    take: Take, picture: Picture = DEFAULT_PICTURE
-) -> Generator[npt.NDArray[np.uint8], None, None]:
+def moment_count(take: Take, fps: float | None = None) -> int:
+    """Return the number of :func:`moments`."""
+    steps = len(take.qpos)
+    return steps if fps is None else max(round(steps * take.period * fps), 1)
+
+
+def film(take: Take, picture: Picture = DEFAULT_PICTURE) -> Generator[Frame, None, None]:
     """Draw a take as the environment's ``render`` draws every step.
 
+    Threads draw the pictures, each with a drawing context of its own.
+
     Returns:
-        t + 1 pictures, (height, width, 3) uint8; picture k shows time ``k * take.period``.
+        Pictures, (height, width, 3) uint8; picture k shows time ``k / picture.fps``.
 
     Raises:
         RenderingError: If this machine cannot draw; the message says what to install.
     """
-    renderer = PerformanceRenderer(
-        take.scene, width=picture.width, height=picture.height, view=picture.view
-    )
-    roll, title = take.piano.roll, take.piano.title
+    roll, title, seen = take.piano.roll, take.piano.title, moments(take, picture.fps)
 
-    def frames() -> Generator[npt.NDArray[np.uint8], None, None]:
-        try:
-            for seen in moments(take):
-                yield renderer.render(roll, title, seen)
-        finally:
-            renderer.close()
+    def opened() -> PerformanceRenderer:
+        return PerformanceRenderer(
+            take.scene, width=picture.width, height=picture.height, view=picture.view
+        )
 
-    return frames()
+    def draw(renderer: PerformanceRenderer, moment: Moment) -> Frame:
+        return renderer.render(roll, title, moment)
+
+    if find_gl_backend() == "glfw":  # it draws in the main thread only
+        return _drawn_here(opened, draw, seen)
+    return _drawn_by_threads(opened, draw, seen, min(_cores(), _MOST_THREADS))
+
+
+def _cores() -> int:
+    linux = hasattr(os, "sched_getaffinity")
+    return len(os.sched_getaffinity(0)) if linux else os.cpu_count() or 1
+
+
+def _drawn_here(
+    opened: _Opened, draw: _Draw, seen: Iterator[Moment]
+) -> Generator[Frame, None, None]:
+    with contextlib.closing(opened()) as renderer:
+        for moment in seen:
+            yield draw(renderer, moment)
+
+
+def _drawn_by_threads(
+    opened: _Opened, draw: _Draw, seen: Iterator[Moment], threads: int
+) -> Generator[Frame, None, None]:
+    # A drawing context belongs to a thread: each opens, uses and closes its own.
+    pools = [ThreadPoolExecutor(1, "film") for _ in range(threads)]
+    renderers = [pool.submit(opened) for pool in pools]
+    drawn: deque[Future[Frame]] = deque()
+    try:
+        ready = [renderer.result() for renderer in renderers]
+        turns = itertools.cycle(zip(pools, ready, strict=True))
+        for (pool, renderer), moment in zip(turns, seen, strict=False):
+            drawn.append(pool.submit(draw, renderer, moment))
+            if len(drawn) >= _AHEAD * threads:
+                yield drawn.popleft().result()
+        while drawn:
+            yield drawn.popleft().result()
+    finally:
+        for picture in drawn:
+            picture.cancel()
+        for pool, opening in zip(pools, renderers, strict=True):
+            # When the interpreter ends, threads end first; the renderer then closes by itself.
+            with contextlib.suppress(RuntimeError):
+                if opening.exception() is None:
+                    pool.submit(opening.result().close)
+            pool.shutdown()

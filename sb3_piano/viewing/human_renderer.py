@@ -16,10 +16,10 @@ from sb3_piano.music import PianoRoll
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing.frame_renderer import add_bars
 from sb3_piano.viewing.moment import Moment, geom_colors
-from sb3_piano.viewing.note_bars import NoteBars
+from sb3_piano.viewing.note_bars import NoteBars, finger_plates
 from sb3_piano.viewing.performance_renderer import pose
 from sb3_piano.viewing.stage import staged
-from sb3_piano.viewing.views import View, place_camera
+from sb3_piano.viewing.views import WINDOW_SHOTS, View, place_camera
 
 _EXPECTED = (
     "Expected a screen: the machine's own, 'ssh -X', or a virtual one by xvfb-run. A video needs "
@@ -117,7 +117,7 @@ class HumanRenderer:
         if self._bars is None or self._bars.roll is not roll:
             is_first, self._bars = self._bars is None, NoteBars.over(self._stage, roll)
             if is_first:
-                place_camera(self._viewer.cam, self._view, self._bars.whole, _ASPECT)
+                place_camera(self._viewer.cam, WINDOW_SHOTS[self._view], self._bars.whole, _ASPECT)
         model = self._stage.model
         pose(self._stage, self._data, moment.qpos)
         model.geom_rgba[:] = self._colors
@@ -128,6 +128,7 @@ class HumanRenderer:
             model.geom_rgba[geom] = color
         if (drawn := self._viewer.user_scn) is not None:
             drawn.ngeom = 0
+            add_bars(drawn, finger_plates(self._stage, self._data, moment))
             add_bars(drawn, self._bars.at(moment.step, moment.sounding))
 
 

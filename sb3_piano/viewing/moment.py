@@ -46,8 +46,8 @@ class Moment:
 
     qpos: FloatArray
     """(nq,) joint positions, rad or m."""
-    step: int
-    """Finished control steps."""
+    step: float
+    """Finished control steps; between two of them it has a fraction."""
     due: npt.NDArray[np.intp]
     """(n,) due keys."""
     fingers: npt.NDArray[np.int8]
@@ -56,6 +56,8 @@ class Moment:
     """(88,) keys that sound; ``None`` to draw right and wrong keys alike."""
     f1: float | None = None
     """F1 of the steps so far; ``None`` to show no number."""
+    pedal: bool = False
+    """Whether the sustain pedal is down."""
 
 
 def finger_color(finger: int) -> Color:

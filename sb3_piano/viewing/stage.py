@@ -36,9 +36,17 @@ PANEL_FOOT, PANEL_TOP = 0.045, 0.62
 
 # The keys start at A: the panel has a line before each C, where octaves begin.
 _FIRST_C, _OCTAVE = 3, 12
-_HALF_WHITE = 0.01175
+HALF_WHITE = 0.01175
+"""Half the width of a white key, m."""
+LANES = range(_FIRST_C, 88, _OCTAVE)
+"""Keys at whose left edge an octave begins."""
+FAR_END, FELT = (-0.075, 0.0, 0.0225), (-0.082, 0.0, 0.0417)
+"""Far end of a key, and the felt behind the keys, on which notes fall in pictures, m."""
 
 _LACQUER = "lacquer"
+
+HANDS, PANEL_GROUP = 1, 2
+"""Groups of geoms: those of the hands, and the panel with what belongs to it."""
 
 FIELD_OF_VIEW = 16.0
 """Vertical field of view of a picture, degrees: small, so that bars above the keys are almost
@@ -69,6 +77,8 @@ def _staged(**options: Any) -> PianoScene:
     _furnish(world, [body.pos[1] for body in piano.bodies if "_key_" in body.name])
     for side, hand in zip(options["sides"], hands, strict=True):
         _dress(hand, find_hand(options["hand"]), side)
+        for geom in hand.geoms:
+            geom.group = HANDS
     return assemble_scene([world, piano, *hands], options)
 
 
@@ -76,10 +86,10 @@ def _light(world: mujoco.MjSpec) -> None:
     """Dim the room, and add one lamp that casts shadows."""
     world.visual.global_.fovy = FIELD_OF_VIEW
     # Boxes with fewer triangles look the same, and save a fifth of the time without a GPU.
-    world.visual.quality.numquads = 1
-    world.visual.quality.shadowsize = 768
+    quality = world.visual.quality
+    quality.numquads, quality.numslices, quality.numstacks = 1, 16, 8
     head = world.visual.headlight
-    head.ambient, head.diffuse, head.specular = [0.28] * 3, [0.20] * 3, [0.05] * 3
+    head.ambient, head.diffuse, head.specular = [0.28] * 3, [0.34] * 3, [0.05] * 3
     for light in list(world.lights):
         world.delete(light)
     world.worldbody.add_light(
@@ -87,7 +97,7 @@ def _light(world: mujoco.MjSpec) -> None:
         pos=[0.8, -0.35, 1.5],
         dir=[-0.8, 0.35, -1.5],
         cutoff=32,
-        diffuse=[0.56, 0.54, 0.50],
+        diffuse=[0.44, 0.42, 0.38],
         specular=[0.25] * 3,
     )
     world.worldbody.add_light(
@@ -107,12 +117,14 @@ def _furnish(world: mujoco.MjSpec, keys: list[float]) -> None:
     """Add an upright piano around keys at given positions along the keyboard, m."""
     world.add_material(name=_LACQUER, rgba=[0.035, 0.033, 0.037, 1.0], specular=0.6, shininess=0.7)
     for name, (centre, half) in _FURNITURE.items():
-        _add_box(world, name, centre, half, material=_LACQUER)
+        group = PANEL_GROUP if name in ("panel", "top") else 0
+        _add_box(world, name, centre, half, material=_LACQUER, group=group)
     _add_box(world, "felt", (-0.079, 0.0, 0.0405), (0.003, 0.61, 0.0012), rgba=_FELT)
     height = (PANEL_TOP - PANEL_FOOT) / 2
-    for key in keys[_FIRST_C::_OCTAVE]:
-        centre = (PANEL, key - _HALF_WHITE, PANEL_FOOT + height)
-        _add_box(world, f"lane_{key:.3f}", centre, (0.0007, 0.0006, height), rgba=_LANE)
+    for key in (keys[lane] for lane in LANES):
+        centre = (PANEL, key - HALF_WHITE, PANEL_FOOT + height)
+        half = (0.0007, 0.0006, height)
+        _add_box(world, f"lane_{key:.3f}", centre, half, rgba=_LANE, group=PANEL_GROUP)
 
 
 def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
@@ -168,8 +180,8 @@ def _add_box(
     half: _Vector,
     rgba: tuple[float, ...] | None = None,
     material: str = "",
+    group: int = 0,
 ) -> None:
     look: dict[str, Any] = {"material": material} if rgba is None else {"rgba": rgba}
-    world.worldbody.add_geom(
-        name=name, type=_BOX, pos=centre, size=half, contype=0, conaffinity=0, **look
-    )
+    look |= {"contype": 0, "conaffinity": 0, "group": group}
+    world.worldbody.add_geom(name=name, type=_BOX, pos=centre, size=half, **look)

@@ -25,10 +25,11 @@ from sb3_piano.music import PianoRoll, Score, synthesize, write_midi, write_wav
 from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.music.difficulty import MotionFeatures
 from sb3_piano.music.roll import EarlyRelease
+from sb3_piano.music.synthesis import mp3_bytes
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.unfinished import scratch_folder
-from sb3_piano.viewing.film import film, moments
+from sb3_piano.viewing.film import film, moment_count, moments
 from sb3_piano.viewing.human_renderer import HumanRenderer
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture, View
@@ -254,12 +255,10 @@ class Take:
 
     def _repr_html_(self) -> str:
         """Return the view of a notebook: player, metrics, and the sound."""
-        with scratch_folder() as folder:
-            sound = Path(folder, "sound.wav")
-            self.save_wav(sound)
-            data = base64.b64encode(sound.read_bytes()).decode()
+        sound = mp3_bytes(synthesize(self.score, at_least=self.duration))
+        data = base64.b64encode(sound).decode()
         text = f"{self.title}, {self.player}: F1 {self.f1:.3f}, onset F1 {self.onset_f1:.3f}"
-        player = f'<audio controls src="data:audio/wav;base64,{data}"></audio>'
+        player = f'<audio controls src="data:audio/mpeg;base64,{data}"></audio>'
         return f"<p>{html.escape(text)}</p>{player}"
 
     def write(self, path: str | os.PathLike[str]) -> None:
@@ -427,7 +426,9 @@ def show_take(take: Take, *, view: View = "stage") -> None:
 def _write_video(
     take: Take, path: Path, audio: Path, picture: Picture, progress: Progress | None
 ) -> None:
-    total, size = len(take.qpos), (picture.width, picture.height)
+    total, size = moment_count(take, picture.fps), (picture.width, picture.height)
     tell = None if progress is None else lambda done: progress(done, total)
+    if tell is not None:
+        tell(0)
     with contextlib.closing(film(take, picture)) as frames:
-        write_video(path, frames, 1.0 / take.period, audio, size, progress=tell)
+        write_video(path, frames, picture.fps, audio, size, progress=tell)

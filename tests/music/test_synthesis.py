@@ -1,7 +1,10 @@
 """The sound of a score, heard by its samples."""
 
+import io
+
 import numpy as np
 import pytest
+import soundfile
 from hearing import dominant_frequency, loudness, onsets_in
 from scipy.io import wavfile
 from short_scores import note_of
@@ -10,7 +13,7 @@ from yaml_rows import Tables
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Pedal, Score, synthesize, write_wav
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
-from sb3_piano.music.synthesis import SAMPLE_RATE
+from sb3_piano.music.synthesis import SAMPLE_RATE, mp3_bytes
 
 tables = Tables(__file__)
 
@@ -41,7 +44,8 @@ def test_a_note_has_the_frequency_of_its_pitch(pitch):
     frequency = 440.0 * 2.0 ** ((pitch - 69) / 12.0)
     sound = synthesize(score((0.0, 1.0, pitch)))[round(0.1 * RATE) : RATE, 0]
     heard = dominant_frequency(sound, RATE, near=frequency)
-    assert abs(1200.0 * np.log2(heard / frequency)) < 20  # cents; a semitone is 100
+    # Cents; high strings of a grand piano are tuned sharp.
+    assert abs(1200.0 * np.log2(heard / frequency)) < 45
 
 
 @pytest.mark.slow
@@ -56,8 +60,8 @@ def test_all_keys_of_the_piano_sound_and_no_two_alike():
 def test_a_key_let_go_falls_silent_and_one_held_sounds_on():
     short, held = synthesize(score((0.0, 0.2))), synthesize(score((0.0, 2.0)))
     assert loudness(short, RATE, 0.1, 0.2) == pytest.approx(loudness(held, RATE, 0.1, 0.2))
-    assert loudness(held, RATE, 1.0, 1.1) > 0.01
-    assert loudness(short, RATE, 1.0, 1.1) < 0.03 * loudness(held, RATE, 1.0, 1.1)  # the room
+    assert loudness(held, RATE, 1.0, 1.1) > 0.005
+    assert loudness(short, RATE, 1.0, 1.1) < 0.03 * loudness(held, RATE, 1.0, 1.1)
 
 
 @pytest.mark.parametrize("length", [1e-6, 1e-4])
@@ -82,8 +86,11 @@ def test_a_key_struck_again_before_it_is_let_go_is_heard_twice():
 
 
 def test_half_the_velocity_is_a_quarter_as_loud_in_every_piece_and_nothing_is_clipped():
-    loud, soft = (synthesize(score((0.0, 1.0, 60, v))) for v in (100, 50))
-    assert np.abs(loud).max() / np.abs(soft).max() == pytest.approx(4.0, rel=0.05)
+    for pitch in (30, 60, 100):
+        loud, soft = (synthesize(score((0.0, 1.0, pitch, v))) for v in (100, 50))
+        assert loudness(loud, RATE, 0.0, 0.5) / loudness(soft, RATE, 0.0, 0.5) == pytest.approx(
+            4.0, rel=0.05
+        )
     keys = range(MIN_PITCH, MAX_PITCH + 1)
     everything = synthesize(score(*((0.0, 1.0, pitch, 127) for pitch in keys)))
     assert np.abs(everything).max() == pytest.approx(0.9, abs=1e-6)
@@ -147,3 +154,12 @@ def test_a_wav_file_that_cannot_be_written_is_an_error_that_names_it(tmp_path):
 def test_a_sound_of_more_than_an_hour_is_refused():
     with pytest.raises(ScoreError, match="would last 3602 s: expected 3600 s at most"):
         synthesize(score((0.0, 3601.0)))
+
+
+def test_an_mp3_file_sounds_as_long_and_as_loud_as_the_samples():
+    sound = synthesize(score((0.0, 1.0)))
+    heard, rate = soundfile.read(io.BytesIO(mp3_bytes(sound)))
+    assert rate == SAMPLE_RATE
+    assert abs(len(heard) - len(sound)) < 0.1 * RATE
+    assert loudness(heard, RATE, 0.0, 1.0) == pytest.approx(loudness(sound, RATE, 0, 1), rel=0.1)
+    np.testing.assert_allclose(onsets_in(heard, RATE), onsets_in(sound, RATE), atol=0.02)

@@ -42,3 +42,14 @@ def test_letters_of_other_languages_are_drawn_and_not_replaced():
 
 def test_a_small_picture_has_no_caption():
     assert not written("Für Elise", 0.93, shape=(120, 200, 3)).any()
+
+
+def test_the_legend_is_at_the_foot_and_the_lamp_of_the_pedal_lights_up():
+    up, down = (np.zeros((480, 854, 3), dtype=np.uint8) for _ in range(2))
+    write_caption(up, "", None, pedal=False)
+    write_caption(down, "", None, pedal=True)
+    assert not up[:440].any()
+    assert len(columns(up)) > 500
+    lamp = np.argwhere((up != down).any(axis=2))
+    assert len(lamp) > 50
+    assert lamp[:, 1].min() > 750

@@ -1,6 +1,7 @@
 """A film drawn afterwards shows what the environment would have shown."""
 
 import sys
+import threading
 import typing
 from dataclasses import replace
 
@@ -36,7 +37,7 @@ def episode(**options):
 @pytest.mark.parametrize("view", VIEWS)
 def test_every_picture_is_that_of_the_environments_render(view):
     env, recording, rendered = episode(render_mode="rgb_array", view=view, width=288, height=162)
-    drawn = list(film(recording, Picture(width=288, height=162, view=view)))
+    drawn = list(film(recording, Picture(width=288, height=162, view=view, fps=20)))
     env.close()
     assert recording.performance.key_active.any()
     assert len(drawn) == len(rendered) == len(env.roll) + 1
@@ -58,6 +59,11 @@ def test_moments_have_the_keys_that_are_due_and_those_that_sound():
     assert [moment.step for moment in seen] == list(range(len(env.roll) + 1))
     assert seen[0].f1 is None
     assert seen[-1].f1 == pytest.approx(recording.metrics["f1"])
+    between = list(moments(take, fps=60))
+    assert len(between) == 3 * len(seen)
+    np.testing.assert_allclose(between[4].qpos, (2 * seen[1].qpos + seen[2].qpos) / 3)
+    assert [moment.due.tolist() for moment in between[6:10]] == [[27], [39], [39], [39]]
+    assert (between[-1].qpos == seen[-1].qpos).all(), "the last state stays for one step"
     unmarked = list(moments(replace(take, judged=False)))
     assert all(moment.sounding is None for moment in unmarked)
     assert all(moment.f1 is None for moment in unmarked)
@@ -65,10 +71,14 @@ def test_moments_have_the_keys_that_are_due_and_those_that_sound():
 
 @pytest.mark.slow
 @needs_gl
-def test_a_film_frees_its_drawing_context_also_if_it_is_not_watched_to_the_end(monkeypatch):
-    closed = []
+def test_a_film_frees_its_drawing_contexts_also_if_it_is_not_watched_to_the_end(monkeypatch):
+    opened, closed = [], []
 
     class Renderer(PerformanceRenderer):
+        def __init__(self, *scene, **options):
+            super().__init__(*scene, **options)
+            opened.append(self)
+
         def close(self):
             closed.append(self)
             super().close()
@@ -76,8 +86,10 @@ def test_a_film_frees_its_drawing_context_also_if_it_is_not_watched_to_the_end(m
     monkeypatch.setattr(sys.modules[film.__module__], "PerformanceRenderer", Renderer)
     env, recording, _ = episode()
     for watched in (2, len(env.roll) + 1):
-        frames = film(recording, Picture(width=64, height=64))
+        before = threading.active_count()
+        frames = film(recording, Picture(width=64, height=64, fps=20))
         for _ in range(watched):
             assert next(frames).shape == (64, 64, 3)
         frames.close()
-    assert len(set(closed)) == 2
+        assert threading.active_count() == before
+    assert set(closed) == set(opened)

@@ -37,16 +37,16 @@ def test_the_command_knows_all_views():
 def test_the_keys_are_in_the_middle_and_within_the_width_of_the_picture(view, aspect):
     camera = mujoco.MjvCamera()
     for width in (0.25, 1.2):
-        place_camera(camera, view, Stretch(middle=-0.3, width=width), aspect)
+        place_camera(camera, SHOTS[view], Stretch(middle=-0.3, width=width), aspect)
         height = 2 * camera.distance * math.tan(math.radians(FIELD_OF_VIEW / 2))
         assert camera.lookat[1] == -0.3
         assert height * aspect > width + 0.1
         assert height > 0.2  # of a flat picture, too
 
 
-def test_close_goes_along_and_the_two_that_face_the_panel_show_notes():
+def test_close_goes_along_and_two_views_have_room_for_notes():
     assert [view for view in VIEWS if SHOTS[view].follows] == ["close"]
-    assert [view for view in VIEWS if SHOTS[view].bars] == ["stage", "roll"]
+    assert [view for view in VIEWS if SHOTS[view].foot is not None] == ["stage", "roll"]
 
 
 def test_a_key_that_sounds_is_green_or_red_where_right_and_wrong_are_told_apart():

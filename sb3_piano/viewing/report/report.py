@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -13,10 +14,11 @@ import numpy.typing as npt
 from sb3_piano.arrays import FloatArray
 from sb3_piano.metrics.episode import FINGER_SHARES, RETURN_PREFIX, in_order
 from sb3_piano.metrics.fingers import finger_shares
-from sb3_piano.music import PianoRoll, Score
+from sb3_piano.music import PianoRoll, Score, synthesize
 from sb3_piano.music.catalogue import shown_title
 from sb3_piano.music.constants import FINGER_NAMES
 from sb3_piano.music.fingering.apply import DEFAULT_TIMESTEP
+from sb3_piano.music.synthesis import mp3_bytes
 from sb3_piano.performance import Performance
 from sb3_piano.viewing.report.judgement import Fate, Verdict, judge
 from sb3_piano.viewing.report.page import definition_of, formatted, render
@@ -86,6 +88,7 @@ def report_html(report: Report) -> str:
         off=int(((presses.verdict == Verdict.EARLY) | (presses.verdict == Verdict.LATE)).sum()),
         wrong=int((presses.verdict == Verdict.WRONG).sum()),
         unreached=int((notes.fate == Fate.NOT_REACHED).sum()),
+        sound=_sound(performance),
         columns=columns,
         nothing=NOTHING,
         # The shares of the ten fingers have a figure.
@@ -101,6 +104,15 @@ def report_html(report: Report) -> str:
         reward_terms=reward_terms(metrics, baseline, report.labels),
         panels=training_panels(report.curves, baseline, report.labels),
     )
+
+
+def _sound(performance: Performance) -> str | None:
+    """Return the sound of a performance as an MP3 file in base64; ``None`` if no key sounded."""
+    score = performance.to_score()
+    if score is None:
+        return None
+    duration = len(performance) * performance.roll.control_timestep
+    return base64.b64encode(mp3_bytes(synthesize(score, at_least=duration))).decode()
 
 
 def score_html(score: Score, facts: Sequence[tuple[str, str]] = ()) -> str:

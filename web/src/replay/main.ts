@@ -64,6 +64,15 @@ async function start(root: HTMLElement): Promise<void> {
 
   const play = element<HTMLButtonElement>(root, "[data-replay=play]");
   const place = element<HTMLInputElement>(root, "[data-replay=place]");
+  // The report's own player; a performance of which nothing is heard has none.
+  const sound = document.querySelector<HTMLAudioElement>("#sound");
+  /** Let the sound be where the pictures are, and play if they do. */
+  const sing = (): void => {
+    if (sound === null) return;
+    sound.currentTime = playback.shown;
+    if (playback.playing) void sound.play().catch(() => {});
+    else sound.pause();
+  };
   const clock = element(root, "[data-replay=clock]");
   place.max = String(recording.sounding.length / NUM_KEYS);
   let drawn = false;
@@ -77,12 +86,14 @@ async function start(root: HTMLElement): Promise<void> {
   play.addEventListener("click", () => {
     if (!playback.playing && session.finished) playback.restart();
     playback.playing = !playback.playing;
+    sing();
     drawn = false;
   });
   place.addEventListener("input", () => {
     const steps = Number(place.value);
     playback.restart();
     playback.advance(steps);
+    sing();
     drawn = false;
   });
   element<HTMLSelectElement>(root, "[data-replay=view]").addEventListener("change", (event) => {
@@ -103,7 +114,12 @@ async function start(root: HTMLElement): Promise<void> {
     const elapsed = Math.max(0, now - last) / 1000;
     last = now;
     const moves = playback.playing;
-    playback.tick(elapsed);
+    // Pictures follow the sound, which cannot wait.
+    const heard = sound !== null && !sound.paused && sound.readyState >= HTMLMediaElement.HAVE_FUTURE_DATA;
+    const behind = (): number => (heard ? sound.currentTime - playback.shown : 0);
+    if (!heard) playback.tick(elapsed);
+    while (playback.playing && behind() > 1e-3) playback.tick(behind());
+    if (moves && !playback.playing) sound?.pause();
     if (moves || !drawn) draw(elapsed);
     requestAnimationFrame(frame);
   };

@@ -18,7 +18,7 @@ from sb3_piano.cli.common import (
     refuse_options,
     whole_number,
 )
-from sb3_piano.cli.evaluate import evaluate_run, label, rounded
+from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -97,6 +97,8 @@ def _report(result: Trained, last: str) -> None:
 
 
 def _show(stages: Sequence[Outcome]) -> None:
+    from sb3_piano.cli.evaluation_tables import label, rounded
+
     table = new_table("stage", "ended by", "steps", *map(label, _METRICS), left=2)
     for stage in stages:
         job: Any = stage.job

@@ -72,7 +72,7 @@ COMMANDS = {
         "compare before.json after.json",
     ),
     "results": (
-        "sb3_piano.lab.results.command:add_arguments",
+        "sb3_piano.lab.commands.results:add_arguments",
         "measure, check and tabulate reproducible results of players",
         "results check results.json --all",
     ),
@@ -102,7 +102,7 @@ COMMANDS = {
         "corpus repertoire --out corpus --excerpts 40 --seconds 10",
     ),
     "distill": (
-        "sb3_piano.lab.distillation.command:add_arguments",
+        "sb3_piano.lab.commands.distillation:add_arguments",
         "train a policy for any piece by imitating a planned pianist",
         "distill --config distill.yml --out hand",
     ),
@@ -112,12 +112,12 @@ COMMANDS = {
         "pieces show my.mid",
     ),
     "export": (
-        "sb3_piano.lab.web.command:add_arguments",
+        "sb3_piano.lab.commands.web:add_arguments",
         "export a run without pickles, or the files of the web page",
         "export runs/sac/RoboPianist-v0_1 my-pianist",
     ),
     "bench": (
-        "sb3_piano.lab.bench.command:add_arguments",
+        "sb3_piano.lab.commands.bench:add_arguments",
         "measure speed and memory",
         "bench --only simulation",
     ),
@@ -154,6 +154,9 @@ _COMPLETION = "print the completion script of a shell, for ~/.local/share/bash-c
 
 _LONGEST = 200
 """Greatest length of a library's message about lack of memory, in characters."""
+
+_QUICK = ("presets", "envs")
+"""Commands that load no library; the others take seconds before they print."""
 
 _OURS = (PlanWarning, ScoreWarning)
 
@@ -204,6 +207,8 @@ def _run(given: Sequence[str]) -> int:
         arguments = parser_of(given).parse_args(given)
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
+        if sys.stderr.isatty() and given[0] not in _QUICK:
+            print("Loading ...", file=sys.stderr, flush=True)
         with _plain_warnings(), _quiet_threads(), ended_as_by_ctrl_c():
             status = int(arguments.command(arguments))
         sys.stdout.flush()  # here, so that its errors are caught below

@@ -12,7 +12,7 @@ from printed import rows_of
 from yaml_rows import Tables
 
 from sb3_piano.cli import main
-from sb3_piano.cli.evaluate import _several_runs_table, rounded
+from sb3_piano.cli.evaluation_tables import _several_runs_table, rounded
 from sb3_piano.metrics.episode import FINGER_SHARES
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.statistics import summarize

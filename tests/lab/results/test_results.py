@@ -132,7 +132,7 @@ def test_a_result_that_came_into_the_file_while_others_are_measured_stays(tmp_pa
         Results.add_to(file, [result(piece="another's")])
         yield result(piece="last")
 
-    monkeypatch.setattr("sb3_piano.lab.results.command._done", done)
+    monkeypatch.setattr("sb3_piano.lab.commands.results._done", done)
     assert main(["results", "measure", "--pieces", "scale-AMajor", "--out", str(file)]) == 0
     assert [r.piece for r in Results.read(file).results] == ["another's", "first", "last"]
 

@@ -128,7 +128,10 @@ def test_one_line_of_python_plays_a_file():
     assert (take.player, take.title) == ("sight-reader", "tune")
     assert (take.f1, take.onset_f1) == (take.metrics["f1"], take.metrics["onset_f1"])
     take.save_midi("take.mid")
-    assert read_midi("take.mid").notes == take.score.notes
+    told = [
+        dataclasses.replace(note, finger=-1, hand=None) for note in take.score.notes
+    ]  # in one track
+    assert list(read_midi("take.mid").notes) == told
     take.save_wav("take.wav")
     take.save_report("take.html")
     assert "sight-reader" in Path("take.html").read_text(encoding="utf-8")

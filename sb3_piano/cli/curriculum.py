@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sb3_piano.jobs import Job, Outcome
     from sb3_piano.pipelines.training import Trained
 
-_RUN_HELP = "folder of the curriculum; default: runs/curricula/NAME, after FILE"
+_OUT_HELP = "folder of the curriculum; default: runs/curricula/NAME, after FILE"
 _METRICS = ("f1", "onset_f1")
 _NOTHING = "-"
 
@@ -36,7 +36,7 @@ def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _curriculum, epilog=TRUST)
     add("file", "FILE", "YAML file of the stages; the same command resumes them", nargs="?")
-    add("--run", "FOLDER", _RUN_HELP)
+    add("--out", "FOLDER", _OUT_HELP)
     add("--runs-dir")
     add("--seed", "N", "seed of every stage; default: the file's, or drawn", int)
     add("--resume", "FOLDER", "resume the curriculum in this folder, without its file")
@@ -56,11 +56,11 @@ def _curriculum(arguments: argparse.Namespace) -> int:
         options["checkpoint_every"] = arguments.checkpoint_every
     if (arguments.file is None) == (arguments.resume is None):
         raise ConfigError("Expected either a FILE with stages or --resume FOLDER.")
-    folder = arguments.run if arguments.resume is None else arguments.resume
+    folder = arguments.out if arguments.resume is None else arguments.resume
     if arguments.resume is not None:
         reason = "with --resume: a curriculum keeps its folder and seed."
-        refuse_options(arguments, ("run", "runs_dir", "seed"), reason, "Expected --resume alone.")
-    runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir
+        refuse_options(arguments, ("out", "runs_dir", "seed"), reason, "Expected --resume alone.")
+    runs_dir = "runs" if arguments.outs_dir is None else arguments.outs_dir
     curriculum = load_curriculum(folder if arguments.file is None else arguments.file)
     if arguments.status:
         place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)
@@ -92,7 +92,7 @@ def _report(result: Trained, last: str) -> None:
         print(f"Go on:    {resume_command(result.folder)}")
         return
     if result.had_finished:
-        print("All stages had ended: nothing was left to do. Once more: with another --run FOLDER")
+        print("All stages had ended: nothing was left to do. Once more: with another --out FOLDER")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(last)}")
 
 

@@ -17,9 +17,7 @@ from sb3_piano.cli.common import (
 from sb3_piano.cli.losses import HELP
 from sb3_piano.exceptions import SB3PianoError
 
-_SCORE_HELP = (
-    "piece to play instead of each run's own: its name, or a file such as MIDI; repeatable"
-)
+_PIECES_HELP = "piece to play instead of each run's own: its name, or a file such as MIDI"
 _MOTION_HELP = "also write all motion to performance_<i>.npz beside each MIDI file"
 
 
@@ -27,17 +25,17 @@ def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _evaluate, epilog=TRUST)
     either = adder(parser.add_mutually_exclusive_group())
-    who = "a run's folder, or another player (needs --score); several are compared"
+    who = "a run's folder, or another player (needs --pieces); several are compared"
     add("runs", "RUN|PLAYER", who, nargs="+")
     add("--episodes", "N", "episodes per seed", whole_number, 1)
     either("--seed", "N", "random seed", int, 0)
     either("--seeds", "N", "several random seeds", int, nargs="+")
-    add("--score", "PIECE", _SCORE_HELP, action="append")
+    add("--pieces", "PIECE", _PIECES_HELP, nargs="+")
     add("--physics")
     add("--best")
     add("--tree")
     add("--motion", text=_MOTION_HELP)
-    add("--metrics", "NAME", "metrics to show, such as f1 onset_f1 return", nargs="+")
+    add("--metric", "NAME", "metrics to show, such as f1 onset_f1 return", nargs="+")
     add("--losses", text=HELP)
     add("--csv", text="write one row per episode to a CSV file")
     add("--json")
@@ -63,9 +61,9 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     players = arguments.runs
     if arguments.tree is not None:
         players = [f"tree:{TreeSettings.parse(arguments.tree)}:{run}" for run in players]
-    named = (n for n in arguments.metrics or [] if definition_of(n).section != "Return")
+    named = (n for n in arguments.metric or [] if definition_of(n).section != "Return")
     refuse_unknown(named, DEFINITIONS, "metric")  # reward terms may be of one's own
-    seeds, scores = arguments.seeds or [arguments.seed], arguments.score or []
+    seeds, scores = arguments.seeds or [arguments.seed], arguments.pieces or []
     count = sum(len(scores) or _n_pieces(run) for run in arguments.runs)
     arguments.no_progress |= count == 1
     with progress_bar(arguments, "episodes") as tell:
@@ -81,7 +79,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
             on_episode=lambda: tell(advance=1),
         )
     if found.evaluations:
-        show(found, arguments.metrics)
+        show(found, arguments.metric)
         if arguments.losses:
             show_losses(found.evaluations)
         if arguments.csv is not None:

@@ -44,7 +44,7 @@ COMMANDS = {
     "curriculum": (
         "curriculum:add_arguments",
         "train a curriculum: each stage starts from the previous model",
-        "curriculum curriculum.yml --run runs/curriculum",
+        "curriculum curriculum.yml --out runs/curriculum",
     ),
     "sweep": (
         "sweep:add_arguments",
@@ -138,6 +138,15 @@ The function's module is in this package or has a full import path. It is import
 is given, so that ``--help`` stays fast.
 """
 
+_FORMER = {
+    **{command: {"--run": "--out"} for command in ("train", "clone", "curriculum", "sweep")},
+    **{command: {"--players": "--player"} for command in ("corpus", "results")},
+    "evaluate": {"--score": "--pieces", "--metrics": "--metric"},
+    "play": {"--score": "--pieces"},
+    "record": {"--policy": "--player"},
+}
+"""Deprecated options of commands, and the options that replace them."""
+
 _PLAYS = {
     "RoboPianist-v0": "any score",
     "RoboPianist-selfactuated-v0": "any score; keys without hands",
@@ -204,6 +213,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(given: Sequence[str]) -> int:
     """Run a command; print errors and return the exit status."""
     try:
+        given = _renamed(given)
         arguments = parser_of(given).parse_args(given)
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
@@ -225,6 +235,20 @@ def _run(given: Sequence[str]) -> int:
         if message is None:
             raise
         return print_errors(message)
+
+
+def _renamed(given: Sequence[str]) -> list[str]:
+    """Replace deprecated options, and say so."""
+    former = _FORMER.get(given[0], {}) if given else {}
+    renamed = []
+    for argument in given:
+        option, equals, value = argument.partition("=")
+        if option in former:
+            new = former[option]
+            print(f"sb3-piano: warning: {option} is now {new}.", file=sys.stderr)
+            argument = f"{new}{equals}{value}"
+        renamed.append(argument)
+    return renamed
 
 
 def _machine_error(error: BaseException) -> str | None:

@@ -129,7 +129,7 @@ def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
     if (place / _FORMER).is_file():
         raise RunError(
             f"The curriculum in '{place}' was begun by an older version: expected another folder "
-            "(--run), with init_from its last stage. Its stages are runs like all others."
+            "(--out), with init_from its last stage. Its stages are runs like all others."
         )
     if place.is_dir() and not (file.is_file() or is_empty(place)):
         raise RunError(
@@ -141,7 +141,7 @@ def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
         if name not in curriculum.run_names:
             raise RunError(
                 f"Stage {name.partition('_')[0]} of the curriculum in '{place}' has begun as "
-                f"{name!r}: expected the same stage, or another folder (--run). Only stages that "
+                f"{name!r}: expected the same stage, or another folder (--out). Only stages that "
                 "have not begun may change."
             )
     seed = curriculum.seed

@@ -171,3 +171,13 @@ def test_the_pedal_acts_on_the_notes_of_every_track(tmp_path):
         assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
     (pedal,) = read_midi(tmp_path / "piece.mid").pedals
     assert (pedal.onset, pedal.offset) == pytest.approx((0.1, 1.0))
+
+
+def test_a_performance_is_one_track_with_one_pedal(tmp_path):
+    notes = [Note(onset=0.0, offset=0.5, pitch=60 + f, finger=f) for f in (0, 3, 7)]
+    score = Score(notes=notes, pedals=[Pedal(onset=0.1, offset=1.0)])
+    write_midi(score, tmp_path / "played.mid", by_finger=False)
+    (track,) = pretty_midi.PrettyMIDI(str(tmp_path / "played.mid")).instruments
+    assert (track.name, len(track.notes)) == ("Piano", 3)
+    assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
+    assert [n.finger for n in read_midi(tmp_path / "played.mid").notes] == [-1, -1, -1]

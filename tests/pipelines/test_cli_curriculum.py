@@ -56,7 +56,7 @@ def test_stages_are_trained_shown_and_evaluated(folder, capsys):
 @pytest.mark.slow
 def test_an_interruption_says_how_to_go_on(capsys):
     write({**PENDULUM, "callback": act_at(30, "SIGINT")}, PENDULUM)
-    command = ["curriculum", "tiny.yml", "--run", "my runs", "--no-progress"]
+    command = ["curriculum", "tiny.yml", "--out", "my runs", "--no-progress"]
     assert main([*command, "--checkpoint-every", "25"]) == 130
     out = capsys.readouterr().out
     assert "Go on:    sb3-piano curriculum --resume 'my runs'" in out
@@ -77,10 +77,10 @@ def test_an_interruption_says_how_to_go_on(capsys):
         ("", "Expected either a FILE with stages or --resume FOLDER."),
         ("tiny.yml --resume full", "Expected either a FILE with stages or --resume FOLDER."),
         ("no.yml", "'no.yml' cannot be read: No such file"),
-        ("tiny.yml --run full", "Folder 'full' is not empty, and holds no curriculum"),
+        ("tiny.yml --out full", "Folder 'full' is not empty, and holds no curriculum"),
         ("--resume full", "'full/curriculum.yml' cannot be read: No such file"),
         ("--resume full --seed 1", "--seed cannot be given with --resume: a curriculum keeps its"),
-        ("--resume full --run other", "--run cannot be given with --resume"),
+        ("--resume full --out other", "--out cannot be given with --resume"),
         ("--resume full --runs-dir other", "--runs-dir cannot be given with --resume"),
         ("tiny.yml --seed -1", "seed is -1: expected a whole number, 0 or more"),
         ("wrong.yml", "'wrong.yml': Unknown setting 'gama' of stage 1. Did you mean 'gamma'"),

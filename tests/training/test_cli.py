@@ -68,7 +68,7 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
 def test_fingers_are_found_for_a_file_without_labels(tmp_path):
     save_tune(tmp_path / "plain.mid")
     arguments = ["--midi", "plain.mid", "--fingering", "ergonomic", "--config", "small.yml"]
-    assert main(["train", *arguments, "--steps", "3", "--no-progress", "--run", "run"]) == 0
+    assert main(["train", *arguments, "--steps", "3", "--no-progress", "--out", "run"]) == 0
     config = yaml.safe_load((tmp_path / "run" / "config.yml").read_text())
     assert config["env_kwargs"] == {"score": "score.mid", "fingering": "ergonomic"}
 
@@ -76,9 +76,9 @@ def test_fingers_are_found_for_a_file_without_labels(tmp_path):
 def test_a_run_may_be_trained_on_with_other_fingers(tmp_path):
     save_tune(tmp_path / "plain.mid")
     common = ["--config", "small.yml", "--steps", "3", "--no-progress"]
-    assert main(["train", "--midi", "plain.mid", *common, "--run", "run"]) == 0
+    assert main(["train", "--midi", "plain.mid", *common, "--out", "run"]) == 0
     start = ["train", "--init-from", "run", "--fingering", "robot"]
-    assert main([*start, "--steps", "3", "--no-progress", "--run", "other"]) == 0
+    assert main([*start, "--steps", "3", "--no-progress", "--out", "other"]) == 0
     config = yaml.safe_load((tmp_path / "other" / "config.yml").read_text())
     assert config["env_kwargs"]["fingering"] == "robot"
     assert config["env_kwargs"]["score"] == "score.mid"
@@ -110,7 +110,7 @@ def test_options_reach_the_run(tmp_path, capsys):
 
 
 def test_a_finished_run_says_so(capsys):
-    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
+    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--out", "run"]
     assert main([*small, "--no-progress"]) == 0
     capsys.readouterr()
     assert main(["train", "--resume", "run"]) == 0

@@ -31,7 +31,7 @@ def test_a_run_from_yaml_logs_evaluates_and_reports_them(entry, tmp_path, capsys
     file, folder = tmp_path / "own.yml", tmp_path / "run"
     file.write_text(yaml.safe_dump({ENV_ID: entry}))
     command = ["train", "--algo", "td3", "--env", ENV_ID, "--config", str(file), "--no-progress"]
-    assert main([*command, "--run", str(folder)]) == 0
+    assert main([*command, "--out", str(folder)]) == 0
     run = RunFolder.open(folder)
     assert run.read_config().env_kwargs["reward_terms"] == TERMS
     (episode,) = episodes_of(run.monitor_dir)
@@ -41,7 +41,7 @@ def test_a_run_from_yaml_logs_evaluates_and_reports_them(entry, tmp_path, capsys
     mean = evaluate(folder).mean
     assert mean["return_smooth"] <= 0 <= mean["return_still"]
     capsys.readouterr()
-    assert main(["evaluate", str(folder), "--metrics", "f1", "return_smooth"]) == 0
+    assert main(["evaluate", str(folder), "--metric", "f1", "return_smooth"]) == 0
     shown = capsys.readouterr().out
     assert "smooth" in shown
     assert "still" not in shown

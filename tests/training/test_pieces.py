@@ -343,7 +343,7 @@ def test_the_command_trains_on_pieces_and_evaluates_each(config, corpus, tmp_pat
     arguments = dict(config().algorithm_kwargs)
     settings = {"n_timesteps": 40, "env_kwargs": {"physics": "fast"}, "policy": "MlpPolicy"}
     (tmp_path / "small.yml").write_text(yaml.safe_dump({"default": {**settings, **arguments}}))
-    named = ["--pieces", "corpus/6[02].mid", "scale-CMajor", "--n-envs", "3", "--run", "run"]
+    named = ["--pieces", "corpus/6[02].mid", "scale-CMajor", "--n-envs", "3", "--out", "run"]
     base = ["train", "--algo", "sac", "--config", "small.yml", "--no-progress"]
     assert main([*base, *named]) == 0
     config_read = RunFolder.open("run").read_config()

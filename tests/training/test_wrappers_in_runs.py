@@ -114,7 +114,7 @@ def write_yaml(path, **changes):
 def train_by_command(tmp_path, score_file, **changes):
     file = write_yaml(tmp_path / "stack.yml", **changes)
     command = ["train", "--algo", "td3", "--config", str(file), "--midi", str(score_file)]
-    return main([*command, "--seed", "1", "--no-progress", "--run", str(tmp_path / "run")])
+    return main([*command, "--seed", "1", "--no-progress", "--out", str(tmp_path / "run")])
 
 
 @pytest.mark.slow

@@ -102,7 +102,7 @@ def test_a_file_of_another_kind_is_told_before_anything_is_played(tmp_path, caps
     for name in ("out.json", "bad.mid"):
         (tmp_path / name).write_text("no results, and no music")
     out, piece = str(tmp_path / "out.json"), str(tmp_path / "bad.mid")
-    arguments = ["--pieces", piece, "--players", "sight-reader", "--out", out]
+    arguments = ["--pieces", piece, "--player", "sight-reader", "--out", out]
     assert main(["results", "measure", *arguments, "--no-progress"]) == 2
     assert "out.json' does not fit the schema of results" in capsys.readouterr().err
 
@@ -231,7 +231,7 @@ def measured(tmp_path_factory):
     """Return a file of a run and the sight-reader, each on a study, measured by the command."""
     folder = tmp_path_factory.mktemp("results")
     command = ["results", "measure", "--pieces", "scale-AMajor", "--seeds", "0", "1"]
-    command += ["--players", "sight-reader", f"sight-reader:model={SHIPPED}", "--physics", "fast"]
+    command += ["--player", "sight-reader", f"sight-reader:model={SHIPPED}", "--physics", "fast"]
     command += ["--noise", "0.01", "--workers", "1", "--out", str(folder / "results.json")]
     assert main(command) == 0
     return folder / "results.json"

@@ -60,7 +60,7 @@ def _curriculum(arguments: argparse.Namespace) -> int:
     if arguments.resume is not None:
         reason = "with --resume: a curriculum keeps its folder and seed."
         refuse_options(arguments, ("out", "runs_dir", "seed"), reason, "Expected --resume alone.")
-    runs_dir = "runs" if arguments.outs_dir is None else arguments.outs_dir
+    runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir
     curriculum = load_curriculum(folder if arguments.file is None else arguments.file)
     if arguments.status:
         place = Path(runs_dir, "curricula", curriculum.name) if folder is None else Path(folder)

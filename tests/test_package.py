@@ -132,7 +132,7 @@ HEAVY = (
         ("from sb3_piano.cli import main; main(['--help'])", HEAVY),
         (
             "from sb3_piano.cli.main import COMMANDS, parser_of\n"
-            "for name in COMMANDS.keys() - {'corpus'}:  # whose options are read from its settings\n"
+            "for name in COMMANDS.keys() - {'corpus'}:  # read from its settings\n"
             "    parser_of([name])",
             {"torch", "stable_baselines3", "mujoco", "OpenGL", "scipy"},
         ),

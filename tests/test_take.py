@@ -82,9 +82,13 @@ def test_commands_take_a_take_in_place_of_a_player(capsys):
     play = ["play", "tune.mid", "--physics", "fast", "--no-video", "--no-progress"]
     assert main(play) == 0
     file = "play/tune-sight-reader/performance.npz"
-    assert f"Take:  {file}" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert f"Take:  {file}" in told
+    assert "replaced" not in told
     assert main(["play", file, "--no-video", "--no-progress", "--out", "again"]) == 0
     assert read_midi("again/performance.mid") == read_midi("play/tune-sight-reader/performance.mid")
+    assert main(["play", file, "--no-video", "--no-progress", "--out", "again"]) == 0
+    assert "Note:  the former files in 'again' are replaced" in capsys.readouterr().out
     assert main(["report", file, "--out", "report.html"]) == 0
     assert main(["compare", file, "again/performance.npz", "--metric", "f1"]) == 0
     assert "tune" in capsys.readouterr().out

@@ -250,6 +250,8 @@ def _write(take: Take, folder: Path, picture: Picture | None, arguments: argpars
     from sb3_piano.training.playing.takes import FILE_NAME
     from sb3_piano.viewing import write_take
 
+    if (folder / f"{FILE_NAME}.wav").exists():
+        print(f"Note:  the former files in '{folder}' are replaced")
     with progress_bar(arguments, "Video") as tell:
 
         def on_frame(done: int, total: int) -> None:

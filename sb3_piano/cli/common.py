@@ -159,7 +159,7 @@ def adder(parser: Any) -> Add:
 def add_piece_arguments(add: Add) -> None:
     """Add the arguments that choose the piece: ``--env``, ``--midi`` and ``--fingering``."""
     add("--env", "ID", "environment id, from 'sb3-piano envs' or another package")
-    add("--midi --score", "FILE", "piece to play: its name, or a file such as MIDI")
+    add("--midi", "FILE", "piece to play: its name, or a file such as MIDI")
     add(
         "--fingering",
         "HOW",

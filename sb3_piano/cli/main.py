@@ -139,7 +139,9 @@ is given, so that ``--help`` stays fast.
 """
 
 _FORMER = {
-    **{command: {"--run": "--out"} for command in ("train", "clone", "curriculum", "sweep")},
+    **{command: {"--run": "--out"} for command in ("clone", "curriculum", "sweep")},
+    "train": {"--run": "--out", "--score": "--midi"},
+    "tune": {"--score": "--midi"},
     **{command: {"--players": "--player"} for command in ("corpus", "results")},
     "evaluate": {"--score": "--pieces", "--metrics": "--metric"},
     "play": {"--score": "--pieces"},

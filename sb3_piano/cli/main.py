@@ -215,7 +215,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(given: Sequence[str]) -> int:
     """Run a command; print errors and return the exit status."""
     try:
-        given = _renamed(given)
+        given = renamed(given)
         arguments = parser_of(given).parse_args(given)
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
@@ -239,7 +239,7 @@ def _run(given: Sequence[str]) -> int:
         return print_errors(message)
 
 
-def _renamed(given: Sequence[str]) -> list[str]:
+def renamed(given: Sequence[str]) -> list[str]:
     """Replace deprecated options, and say so."""
     former = _FORMER.get(given[0], {}) if given else {}
     renamed = []

@@ -15,7 +15,7 @@ from yaml_rows import Tables
 
 from sb3_piano import threads
 from sb3_piano.cli import main
-from sb3_piano.cli.main import parser_of
+from sb3_piano.cli.main import parser_of, renamed
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import HELD_OUT
@@ -64,10 +64,11 @@ def test_results_are_of_the_scores_and_the_network_that_the_package_has():
 
 
 def test_the_commands_of_results_are_ones_that_there_are():
+    parser = parser_of(["results"])
     for found in ALL_RESULTS:
         program, *arguments = shlex.split(found.command)
         assert program == "sb3-piano"
-        given = parser_of().parse_args(arguments)
+        given = parser.parse_args(renamed(arguments))
         assert (given.pieces, given.players) == ([found.piece], [found.player])
 
 

@@ -62,6 +62,9 @@ def register_envs() -> None:
                 id=env_id,
                 entry_point=ENTRY_POINT,
                 vector_entry_point=VECTOR_ENTRY_POINT,
+                # After a refused first reset, Gymnasium's checker raises TypeError in step. The
+                # environment checks actions and rewards itself.
+                disable_env_checker=True,
                 kwargs=kwargs,
             )
 

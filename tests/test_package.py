@@ -69,7 +69,7 @@ ROOMS = [
 ]
 
 
-LAB = ["music", "distillation", "results", "bench", "web"]
+LAB = ["music", "distillation", "results", "bench", "web", "commands"]
 """Rooms of the lab, likewise."""
 
 
@@ -130,6 +130,12 @@ HEAVY = (
         ("import sb3_piano", HEAVY),
         ("from sb3_piano.cli import main; main(['--help'])", HEAVY),
         (
+            "from sb3_piano.cli.main import COMMANDS, parser_of\n"
+            "for name in COMMANDS.keys() - {'corpus'}:  # read from its settings\n"
+            "    parser_of([name])",
+            {"torch", "stable_baselines3", "mujoco", "OpenGL", "scipy"},
+        ),
+        (
             "import sb3_piano.envs, sb3_piano.viewing, sb3_piano.wrappers",
             DRAWING | LEARNING | {"scipy.optimize", "scipy.ndimage"},
         ),
@@ -141,7 +147,7 @@ HEAVY = (
             DRAWING | LEARNING,
         ),
     ],
-    ids=["import", "help", "environments", "planner"],
+    ids=["import", "help", "help of commands", "environments", "planner"],
 )
 def test_what_takes_long_to_be_imported_is_not_where_it_is_not_needed(program, unneeded):
     told = "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr))\n"

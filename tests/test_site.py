@@ -119,6 +119,9 @@ def test_the_notebooks_show_a_video_with_sound_and_curves(address, browser):
         page.wait_for_function(
             f"({audible})(document.querySelector('article video')).then(count => count > 0)"
         )
+        page.goto(f"{address}notebooks/train_on_your_midi.html")
+        page.wait_for_function("document.querySelectorAll('article audio').length == 2")
+        assert re.search(r"F1 0\.\d+ before, 0\.\d+ after", page.inner_text("article"))
         page.goto(f"{address}notebooks/training_and_curves.html")
         page.wait_for_function("document.querySelector('article img').naturalWidth > 500")
         assert "onset_f1" in page.inner_text("article")

@@ -119,8 +119,8 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
 
     Raises:
         ConfigError: If a number is out of range; when training starts, if the training's
-            environment cannot be copied; at an evaluation, if ``info`` lacks the metric, or a
-            wrapper around the ``Monitor`` ends an episode.
+            environment cannot be copied or is one of Gymnasium's own; at an evaluation, if ``info``
+            lacks the metric, or a wrapper around the ``Monitor`` ends an episode.
         RunError: When a training goes on, if ``best_model.json`` is damaged.
     """
 
@@ -193,6 +193,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
                 # Training in processes or threads, evaluating without them is as it should be.
                 warnings.filterwarnings("ignore", "Training and eval env are not of the same type")
             super()._init_callback()
+        self._refuse_other_tasks()
         # SB3 counts the episodes of each agent.
         n_pieces = self._play_in_turn() if self._makes_env else 1
         self.n_eval_episodes = (self._n_episodes or min(n_pieces, MOST_PIECES)) * self._agents
@@ -202,6 +203,16 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
             saved = BestModel.read(Path(self.best_model_save_path))
             if saved is not None and saved.metric == self.metric:
                 self.best_mean_reward = max(self.best_mean_reward, saved.value)
+
+    def _refuse_other_tasks(self) -> None:
+        """Refuse Gymnasium's own environments before the training, not at its first evaluation."""
+        spec = self.eval_env.unwrapped.get_attr("spec")[0]
+        made = "" if spec is None else str(spec.entry_point)
+        if made.startswith("gymnasium.envs.") and self.metric in EPISODE_METRICS:
+            raise ConfigError(
+                f"{type(self).__name__} cannot evaluate {spec.id}, whose episodes have no "
+                f"{self.metric!r}: expected a piano environment."
+            )
 
     def _play_in_turn(self) -> int:
         """Make the own environment play its pieces in turn; return their number."""

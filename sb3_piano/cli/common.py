@@ -69,7 +69,6 @@ _SHARED: dict[str, tuple[Any, ...]] = {
         f"hyperparameters: a file, or one of {', '.join(NAMED)}; default: the algorithm's preset",
     ),
     "--runs-dir": ("DIR", "folder of all runs; default: runs"),
-    "--run": ("DIR", "folder of this run; default: a new one in --runs-dir"),
     "--tree": (
         "NxD",
         "search a tree before each action: N simulations of up to D control steps, such as 64x8; "
@@ -115,11 +114,21 @@ def command(parser: Any, run: Run, *, description: str = "", epilog: str = "") -
     return adder(parser)
 
 
+class _Several(argparse.Action):
+    """Collect the values of all uses of an option; the first use replaces the default."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        earlier = getattr(namespace, self.dest)
+        before = () if earlier is self.default else earlier
+        setattr(namespace, self.dest, [*before, *values])
+
+
 def adder(parser: Any) -> Add:
     """Return a function that adds an argument: name, metavar, help, type and default.
 
     A shared option needs only its name and the values that differ. An option without a metavar is
-    a flag. The help ends with the default, unless it mentions a default itself.
+    a flag; one of several values may also be repeated. The help ends with the default, unless it
+    mentions a default itself.
     """
 
     def add(
@@ -140,6 +149,8 @@ def adder(parser: Any) -> Add:
             options["help"] = f"{text}; default: {shown}".removeprefix("; ")
         if name.startswith("-") and not {"metavar", "choices"} & options.keys():
             options["action"] = "store_true"
+        elif name.startswith("-") and more.get("nargs") == "+":
+            options["action"] = _Several
         parser.add_argument(*name.split(), **options)
 
     return add
@@ -148,7 +159,7 @@ def adder(parser: Any) -> Add:
 def add_piece_arguments(add: Add) -> None:
     """Add the arguments that choose the piece: ``--env``, ``--midi`` and ``--fingering``."""
     add("--env", "ID", "environment id, from 'sb3-piano envs' or another package")
-    add("--midi --score", "FILE", "piece to play: its name, or a file such as MIDI")
+    add("--midi", "FILE", "piece to play: its name, or a file such as MIDI")
     add(
         "--fingering",
         "HOW",

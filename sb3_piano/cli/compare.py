@@ -16,7 +16,6 @@ from sb3_piano.cli.common import (
     print_narrowness,
     print_table,
 )
-from sb3_piano.cli.evaluate import label, rounded
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -76,6 +75,8 @@ def _show_comparison(comparison: Comparison) -> None:
 
 def _pairs_table(comparison: Comparison) -> Table:
     """Return a table of all pairs of each metric."""
+    from sb3_piano.cli.evaluation_tables import label, rounded
+
     table = new_table("pair", "A", "B", "B - A")
     for found in comparison.metrics:
         table.add_section()
@@ -88,6 +89,8 @@ def _pairs_table(comparison: Comparison) -> Table:
 
 def _summary_table(comparison: Comparison) -> Table:
     """Return a table of the statistics of each metric."""
+    from sb3_piano.cli.evaluation_tables import label, rounded
+
     headings = ("mean A", "mean B", "B - A", "95 % interval", "A < B", "A <= B", "Wilcoxon p")
     table = new_table("metric", *headings)
     for found in comparison.metrics:
@@ -107,12 +110,16 @@ def _summary_table(comparison: Comparison) -> Table:
 
 
 def _signed(metric: str, value: float) -> str:
+    from sb3_piano.cli.evaluation_tables import rounded
+
     text = rounded(metric, value)
     return f"+{text}" if float(text) > 0 else text
 
 
 def _notes(comparison: Comparison) -> Iterator[str]:
     """Yield notes on facts that the tables do not show."""
+    from sb3_piano.cli.evaluation_tables import label
+
     if comparison.physics_a != comparison.physics_b or len(comparison.physics_a) > 1:
         yield (
             f"Not played on the same physics: A on {' and '.join(comparison.physics_a)}, B on "

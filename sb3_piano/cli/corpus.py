@@ -42,7 +42,7 @@ def add_arguments(parser: Any) -> None:
     add = command(parser, _corpus, epilog=TRUST)
     add("pieces", "PIECE", _PIECES, nargs="+")
     add("--out", "FOLDER", "folder of the corpus; the same command resumes it", required=True)
-    add("--players", "PLAYER", _PLAYERS, nargs="+")
+    add("--player", "PLAYER", _PLAYERS, nargs="+", dest="players")
     add_settings(add, CorpusConfig, *_FIELDS)
     add("--set", "NAME=VALUE", _SET, action="append")
     add("--status", text="print the state of each shard, also while recording, and exit")

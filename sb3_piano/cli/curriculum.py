@@ -20,7 +20,7 @@ from sb3_piano.cli.common import (
     refuse_options,
     whole_number,
 )
-from sb3_piano.cli.evaluate import evaluate_run, label, rounded
+from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sb3_piano.jobs import Job, Outcome
     from sb3_piano.pipelines.training import Trained
 
-_RUN_HELP = "folder of the curriculum; default: runs/curricula/NAME, after FILE"
+_OUT_HELP = "folder of the curriculum; default: runs/curricula/NAME, after FILE"
 _METRICS = ("f1", "onset_f1")
 _NOTHING = "-"
 
@@ -38,7 +38,7 @@ def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _curriculum, epilog=TRUST)
     add("file", "FILE", "YAML file of the stages; the same command resumes them", nargs="?")
-    add("--run", "FOLDER", _RUN_HELP)
+    add("--out", "FOLDER", _OUT_HELP)
     add("--runs-dir")
     add("--seed", "N", "seed of every stage; default: the file's, or drawn", int)
     add("--resume", "FOLDER", "resume the curriculum in this folder, without its file")
@@ -58,10 +58,10 @@ def _curriculum(arguments: argparse.Namespace) -> int:
         options["checkpoint_every"] = arguments.checkpoint_every
     if (arguments.file is None) == (arguments.resume is None):
         raise ConfigError("Expected either a FILE with stages or --resume FOLDER.")
-    folder = arguments.run if arguments.resume is None else arguments.resume
+    folder = arguments.out if arguments.resume is None else arguments.resume
     if arguments.resume is not None:
         reason = "with --resume: a curriculum keeps its folder and seed."
-        refuse_options(arguments, ("run", "runs_dir", "seed"), reason, "Expected --resume alone.")
+        refuse_options(arguments, ("out", "runs_dir", "seed"), reason, "Expected --resume alone.")
     runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir
     curriculum = load_curriculum(folder if arguments.file is None else arguments.file)
     place = Path(folder or Path(runs_dir, "curricula", curriculum.name))
@@ -95,11 +95,13 @@ def _report(result: Trained, last: str, has_trained: bool) -> None:
         print(f"Go on:    {resume}")
         return
     if not has_trained:
-        print("All stages had ended: nothing was left to do. Once more: with another --run FOLDER")
+        print("All stages had ended: nothing was left to do. Once more: with another --out FOLDER")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(last)}")
 
 
 def _show(stages: Sequence[Outcome]) -> None:
+    from sb3_piano.cli.evaluation_tables import label, rounded
+
     table = new_table("stage", "ended by", "steps", *map(label, _METRICS), left=2)
     for stage in stages:
         job: Any = stage.job

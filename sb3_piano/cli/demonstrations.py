@@ -62,7 +62,7 @@ def add_record_arguments(parser: Any) -> None:
     """Add the arguments of ``record``."""
     add = command(parser, _record, epilog=TRUST)
     add("what", "RUN|ENV_ID|PIECE", _WHAT)
-    add("--player --policy", "PLAYER", _PLAYER, dest="player")
+    add("--player", "PLAYER", _PLAYER)
     add("--weights", "FILE", argparse.SUPPRESS)  # deprecated
     add("--out", "ID", "name of the data set; default: robopianist/PIECE/POLICY-v0")
     add("--overwrite", text="replace an existing data set")
@@ -91,7 +91,7 @@ def add_clone_arguments(parser: Any) -> None:
     add("--prefill", text="fill the replay buffer with the data set, for later training")
     add("--seed", "N", "random seed; default: drawn, saved in the run's folder", int)
     add("--runs-dir", default="runs")
-    add("--run")
+    add("--out", "DIR", "folder of this run; default: a new one in --runs-dir")
     add("--no-progress")
     add("--evaluate", text="evaluate the model afterwards")
 
@@ -207,7 +207,7 @@ def _clone(arguments: argparse.Namespace) -> int:
         result = clone(
             arguments.dataset,
             arguments.algo,
-            arguments.run,
+            arguments.out,
             runs_dir=arguments.runs_dir,
             config=arguments.config,
             net_arch=arguments.hidden,

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from sb3_piano.cli.common import add_row, new_table, print_table
-from sb3_piano.metrics.losses import ALL, DUE_KINDS, WRONG_KINDS, Counts, Losses, shares_of
+
+if TYPE_CHECKING:
+    from sb3_piano.metrics.losses import Counts, Losses
 
 HELP = "also show missed and wrong frames by finger, key and chord"
 _NOTHING = "-"
@@ -11,11 +15,15 @@ _NOTHING = "-"
 
 def print_losses(losses: Losses) -> None:
     """Print the shares of due and wrong frames in each group."""
+    from sb3_piano.metrics.losses import DUE_KINDS, WRONG_KINDS
+
     _print("due", losses.due, DUE_KINDS, "No key was due.")
     _print("wrong", losses.wrong, WRONG_KINDS, "No wrong key sounded.")
 
 
 def _print(what: str, counts: Counts, kinds: tuple[str, ...], none: str) -> None:
+    from sb3_piano.metrics.losses import ALL, shares_of
+
     if ALL not in counts:
         print(none)
         return

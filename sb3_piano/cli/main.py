@@ -44,7 +44,7 @@ COMMANDS = {
     "curriculum": (
         "curriculum:add_arguments",
         "train a curriculum: each stage starts from the previous model",
-        "curriculum curriculum.yml --run runs/curriculum",
+        "curriculum curriculum.yml --out runs/curriculum",
     ),
     "sweep": (
         "sweep:add_arguments",
@@ -72,7 +72,7 @@ COMMANDS = {
         "compare before.json after.json",
     ),
     "results": (
-        "sb3_piano.lab.results.command:add_arguments",
+        "sb3_piano.lab.commands.results:add_arguments",
         "measure, check and tabulate reproducible results of players",
         "results check results.json --all",
     ),
@@ -102,7 +102,7 @@ COMMANDS = {
         "corpus repertoire --out corpus --excerpts 40 --seconds 10",
     ),
     "distill": (
-        "sb3_piano.lab.distillation.command:add_arguments",
+        "sb3_piano.lab.commands.distillation:add_arguments",
         "train a policy for any piece by imitating a planned pianist",
         "distill --config distill.yml --out hand",
     ),
@@ -112,12 +112,12 @@ COMMANDS = {
         "pieces show my.mid",
     ),
     "export": (
-        "sb3_piano.lab.web.command:add_arguments",
+        "sb3_piano.lab.commands.web:add_arguments",
         "export a run without pickles, or the files of the web page",
         "export runs/sac/RoboPianist-v0_1 my-pianist",
     ),
     "bench": (
-        "sb3_piano.lab.bench.command:add_arguments",
+        "sb3_piano.lab.commands.bench:add_arguments",
         "measure speed and memory",
         "bench --only simulation",
     ),
@@ -138,6 +138,17 @@ The function's module is in this package or has a full import path. It is import
 is given, so that ``--help`` stays fast.
 """
 
+_FORMER = {
+    **{command: {"--run": "--out"} for command in ("clone", "curriculum", "sweep")},
+    "train": {"--run": "--out", "--score": "--midi"},
+    "tune": {"--score": "--midi"},
+    **{command: {"--players": "--player"} for command in ("corpus", "results")},
+    "evaluate": {"--score": "--pieces", "--metrics": "--metric"},
+    "play": {"--score": "--pieces"},
+    "record": {"--policy": "--player"},
+}
+"""Deprecated options of commands, and the options that replace them."""
+
 _PLAYS = {
     "RoboPianist-v0": "any score",
     "RoboPianist-selfactuated-v0": "any score; keys without hands",
@@ -154,6 +165,9 @@ _COMPLETION = "print the completion script of a shell, for ~/.local/share/bash-c
 
 _LONGEST = 200
 """Greatest length of a library's message about lack of memory, in characters."""
+
+_QUICK = ("presets", "envs")
+"""Commands that load no library; the others take seconds before they print."""
 
 _OURS = (PlanWarning, ScoreWarning)
 
@@ -201,9 +215,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(given: Sequence[str]) -> int:
     """Run a command; print errors and return the exit status."""
     try:
+        given = renamed(given)
         arguments = parser_of(given).parse_args(given)
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
+        if sys.stderr.isatty() and given[0] not in _QUICK:
+            print("Loading ...", file=sys.stderr, flush=True)
         with _plain_warnings(), _quiet_threads(), ended_as_by_ctrl_c():
             status = int(arguments.command(arguments))
         sys.stdout.flush()  # here, so that its errors are caught below
@@ -220,6 +237,20 @@ def _run(given: Sequence[str]) -> int:
         if message is None:
             raise
         return print_errors(message)
+
+
+def renamed(given: Sequence[str]) -> list[str]:
+    """Replace deprecated options, and say so."""
+    former = _FORMER.get(given[0], {}) if given else {}
+    renamed = []
+    for argument in given:
+        option, equals, value = argument.partition("=")
+        if option in former:
+            new = former[option]
+            print(f"sb3-piano: warning: {option} is now {new}.", file=sys.stderr)
+            argument = f"{new}{equals}{value}"
+        renamed.append(argument)
+    return renamed
 
 
 def _machine_error(error: BaseException) -> str | None:

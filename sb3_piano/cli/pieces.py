@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 _UNITS = {
     "duration": "s",
     "onset_density": "notes/s",
+    "average_polyphony": "keys",
+    "maximum_polyphony": "keys",
     "hand_span": "semitones",
     "hand_motion": "semitones/s",
 }

@@ -72,7 +72,7 @@ def add_arguments(parser: Any) -> None:
     )
     add_former_arguments(add)
     add("--out", "DIR", "output folder; default: RUN/play, or play/<title>-<player> for a piece")
-    add("--score", "PIECE", "another piece for the run's model")
+    add("--pieces", "PIECE", "another piece for the run's model")
     add("--parts", action="append")
     add("--set", "NAME=VALUE", f"{SET_HELP}; not for a run", action="append")
     add("--seed", "N", "random seed; default: 0", int)
@@ -250,6 +250,8 @@ def _write(take: Take, folder: Path, picture: Picture | None, arguments: argpars
     from sb3_piano.training.playing.takes import FILE_NAME
     from sb3_piano.viewing import write_take
 
+    if (folder / f"{FILE_NAME}.wav").exists():
+        print(f"Note:  the former files in '{folder}' are replaced")
     with progress_bar(arguments, "Video") as tell:
 
         def on_frame(done: int, total: int) -> None:
@@ -300,14 +302,14 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         place = default_folder(None, None) / arguments.what.rpartition("/")[2]
         arguments.what, arguments.out = exported_folder(arguments.what), arguments.out or place
     if arguments.player == _SCORE:
-        others = ("planned", *_FORMER, "reduced", "score", "seed", "best", "tree", "set", "refine")
+        others = ("planned", *_FORMER, "reduced", "pieces", "seed", "best", "tree", "set", "refine")
         refuse_options(arguments, others, f"with --player {_SCORE}: nobody plays.")
         _check_piece(arguments.what)
         written = load_score(arguments.what, arguments.parts or ())
         take = take_of_score(written, physics=arguments.physics or "reference")
         return take, default_folder(None, written)
     if _is_take(arguments.what):
-        others = ("player", "planned", *_FORMER, "reduced", "score", "parts", "set", "seed")
+        others = ("player", "planned", *_FORMER, "reduced", "pieces", "parts", "set", "seed")
         reason = f"with the take '{arguments.what}', which was played."
         refuse_options(arguments, (*others, "physics", "best", "tree", "refine"), reason)
         take = Take.read(arguments.what)
@@ -334,13 +336,13 @@ def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
         others = ("player", "planned", *_FORMER, "reduced", "set", "refine")
         refuse_options(arguments, others, reason, "Expected a piece.")
         score = None
-        if arguments.score is None:
-            refuse_options(arguments, ("parts",), "without --score:", "Expected a file there.")
+        if arguments.pieces is None:
+            refuse_options(arguments, ("parts",), "without --pieces:", "Expected a file there.")
         else:
-            score = load_score(arguments.score, arguments.parts or ())
+            score = load_score(arguments.pieces, arguments.parts or ())
         spec = player_spec(arguments, str(arguments.what))
         return OpenPlayer.open(spec, physics=arguments.physics, score=score, **options), score
-    refuse_options(arguments, ("score",), f"with a piece, which {arguments.what!r} is.")
+    refuse_options(arguments, ("pieces",), f"with a piece, which {arguments.what!r} is.")
     spec = player_spec(arguments)
     if spec.is_run:
         refuse_options(arguments, ("set",), f"with the run '{spec.name}', which has its own.")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from sb3_piano.jobs import Outcome
 
-_RUN_HELP = "folder of the sweep; default: runs/sweeps/NAME, after FILE"
+_OUT_HELP = "folder of the sweep; default: runs/sweeps/NAME, after FILE"
 _RAY_HELP = "train on a Ray cluster: the address from 'ray start --head', auto, or ray://HOST:PORT"
 _METRICS = ("f1", "onset_f1", "return")
 
@@ -35,7 +35,7 @@ def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
     add = command(parser, _sweep, epilog=TRUST)
     add("file", "FILE", "YAML file of the grid; the same command resumes it")
-    add("--run", "FOLDER", _RUN_HELP)
+    add("--out", "FOLDER", _OUT_HELP)
     add("--workers", "N", "parallel runs on this machine; default: one per core", whole_number)
     add("--ray", "ADDRESS", _RAY_HELP)
     add("--storage", "URL", argparse.SUPPRESS)  # deprecated
@@ -50,9 +50,9 @@ def _sweep(arguments: argparse.Namespace) -> int:
 
     config = load_sweep(arguments.file)
     default = Path("runs/sweeps", Path(arguments.file).stem)
-    for url in filter(None, (arguments.run, arguments.storage)):
+    for url in filter(None, (arguments.out, arguments.storage)):
         shared_folder(url)
-    folder = Path(arguments.run or default)
+    folder = Path(arguments.out or default)
     if arguments.status:
         _show(status(config.jobs(folder)))
         return EXIT_OK

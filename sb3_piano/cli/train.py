@@ -39,7 +39,7 @@ _NEW_RUN_ONLY = (
     "fingering",
     "config",
     *_OF_CONFIG,
-    "run",
+    "out",
     "runs_dir",
 )
 
@@ -70,7 +70,7 @@ def add_arguments(parser: Any) -> None:
     add("--matmul-precision")
     add("--checkpoint-every", "N", "steps between checkpoints; default: 10000", whole_number)
     add("--runs-dir")
-    add("--run")
+    add("--out", "DIR", "folder of this run; default: a new one in --runs-dir")
     add("--resume", "RUN", "resume the run in this folder")
     add("--no-progress")
     add("--evaluate", text="evaluate the model afterwards")
@@ -91,7 +91,7 @@ def _train(arguments: argparse.Namespace) -> int:
         result = resume(arguments.resume, arguments.steps, **expected, **options)
     else:
         runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir
-        result = train(_config(arguments), arguments.run, runs_dir=runs_dir, **options)
+        result = train(_config(arguments), arguments.out, runs_dir=runs_dir, **options)
     _report_training(result)
     if result.interrupted:
         return EXIT_INTERRUPTED

@@ -112,14 +112,14 @@ def _with_seed(place: Path, curriculum: Curriculum) -> tuple[Curriculum, int]:
     if place.is_dir() and not (file.is_file() or is_empty(place)):
         raise RunError(
             f"Folder '{place}' is not empty, and holds no curriculum of this version: expected a "
-            "new or empty folder (--run), to go on from an older one's last stage with init_from."
+            "new or empty folder (--out), to go on from an older one's last stage with init_from."
         )
     begun = sorted(path.name for path in place.glob("*_*") if RunFolder(path).has_begun)
     for name in begun:
         if name not in curriculum.run_names:
             raise RunError(
                 f"Stage {name.partition('_')[0]} of the curriculum in '{place}' has begun as "
-                f"{name!r}: expected the same stage, or another folder (--run). Only stages that "
+                f"{name!r}: expected the same stage, or another folder (--out). Only stages that "
                 "have not begun may change."
             )
     seed = curriculum.seed

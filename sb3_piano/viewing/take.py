@@ -190,7 +190,7 @@ class Take:
         return self.metrics["onset_f1"]
 
     def save_midi(self, path: str | os.PathLike[str]) -> None:
-        """Write the notes as a MIDI file.
+        """Write the notes and the pedal as a MIDI file of one track.
 
         Raises:
             RunError: If no key was pressed.
@@ -198,7 +198,7 @@ class Take:
         """
         if self.score is None:
             raise RunError("No key was pressed in this take: expected notes for a MIDI file.")
-        write_midi(self.score, path)
+        write_midi(self.score, path, by_finger=False)
 
     def save_wav(self, path: str | os.PathLike[str]) -> None:
         """Write the sound, with the loudness of the strikes.
@@ -389,7 +389,7 @@ def write_take(
             f"'{base.parent}' cannot be written: {error.strerror}. Expected a folder."
         ) from error
     if take.score is not None:
-        write_midi(take.score, midi)
+        write_midi(take.score, midi, by_finger=False)
     if take.player:
         take.write(whole)
     write_wav(wav, synthesize(take.score, at_least=take.duration))

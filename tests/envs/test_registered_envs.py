@@ -19,7 +19,7 @@ from sb3_piano.envs import (
     SELF_ACTUATED_ID,
     register_envs,
 )
-from sb3_piano.exceptions import UnknownPieceError
+from sb3_piano.exceptions import ConfigError, EnvStateError, UnknownPieceError
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score
 from sb3_piano.music.built_in import ENCORE
 from sb3_piano.music.library import Library
@@ -142,3 +142,14 @@ def test_an_environment_of_a_score_is_made_again_from_the_json_of_its_spec():
     spec = EnvSpec.from_json(gym.make(GENERAL_ID, score=score).spec.to_json())
     again = gym.make(spec).unwrapped.default_score
     assert (again, again.bars) == (score, score.bars)
+
+
+def test_an_episode_can_begin_after_the_first_reset_was_refused():
+    """Gymnasium's checker, which is off, would raise a TypeError in step."""
+    env = gym.make("RoboPianist-scale-CMajor-v0", physics="fast")
+    with pytest.raises(ConfigError, match="Unknown reset option 'piece'"):
+        env.reset(options={"piece": "scale-CMajor"})
+    with pytest.raises(EnvStateError, match="call reset"):
+        env.unwrapped.step(env.action_space.sample())
+    env.reset(seed=0)
+    assert not env.step(env.action_space.sample())[2]

@@ -200,3 +200,13 @@ def test_hands_of_tracks_are_told_by_names_and_register(tmp_path, why, tracks, e
 
 def test_two_channels_of_one_track_are_like_two_tracks(tmp_path):
     assert hands(tmp_path, track([48], channel=3) + track([72])) == {48: "left", 72: "right"}
+
+
+def test_a_performance_is_one_track_with_one_pedal(tmp_path):
+    notes = [Note(onset=0.0, offset=0.5, pitch=60 + f, finger=f) for f in (0, 3, 7)]
+    score = Score(notes=notes, pedals=[Pedal(onset=0.1, offset=1.0)])
+    write_midi(score, tmp_path / "played.mid", by_finger=False)
+    (track,) = pretty_midi.PrettyMIDI(str(tmp_path / "played.mid")).instruments
+    assert (track.name, len(track.notes)) == ("Piano", 3)
+    assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
+    assert [n.finger for n in read_midi(tmp_path / "played.mid").notes] == [-1, -1, -1]

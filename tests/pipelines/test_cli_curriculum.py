@@ -59,7 +59,7 @@ def test_stages_are_trained_shown_and_evaluated(folder, capsys):
 @pytest.mark.slow
 def test_an_interruption_says_how_to_go_on(capsys):
     write({**PENDULUM, "callback": act_at(30, "SIGINT")}, PENDULUM)
-    command = ["curriculum", "tiny.yml", "--run", "my runs", "--no-progress"]
+    command = ["curriculum", "tiny.yml", "--out", "my runs", "--no-progress"]
     assert main([*command, "--checkpoint-every", "25"]) == 130
     out = capsys.readouterr().out
     assert "Go on:    sb3-piano curriculum --resume 'my runs'" in out

@@ -244,7 +244,7 @@ def test_a_corpus_that_is_not_by_hand_is_refused_by_a_distillation(executor, tmp
 
 @pytest.mark.slow
 def test_the_command_records_tells_and_goes_on(tmp_path, capsys):
-    command = "corpus TwinkleTwinkle --players sight-reader --seconds 1 --episodes 2 --noise 0 0.1"
+    command = "corpus TwinkleTwinkle --player sight-reader --seconds 1 --episodes 2 --noise 0 0.1"
     command = [*command.split(), "--workers", "1", "--out", str(tmp_path / "c")]
     assert main(command) == 0
     told = capsys.readouterr().out

@@ -165,7 +165,7 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
         sweep(changed, place, executor=Here())
 
 
-@pytest.mark.parametrize("option", ["--run", "--storage"])
+@pytest.mark.parametrize("option", ["--out", "--storage"])
 def test_a_folder_is_no_url_and_a_wrong_file_is_named(tmp_path, capsys, option):
     told = "The folder is 's3://b/s': expected a path of a file system that all machines see"
     with pytest.raises(ConfigError, match=told):
@@ -185,7 +185,7 @@ def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
     lists = {name: list(SHORT[name]) for name in ("algos", "envs")} | {"seeds": [0, 1]}
     file = tmp_path / "grid.yml"
     file.write_text(yaml.safe_dump({**SHORT, **lists, "variants": {"bad": bad, "good": {}}}))
-    more = ["--run", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
+    more = ["--out", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
     assert main(["sweep", str(file), *more]) == 2
     printed = capsys.readouterr()
     assert "gone.mid" in printed.err

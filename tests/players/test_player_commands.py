@@ -47,7 +47,7 @@ def test_the_network_of_a_shared_run_plays_another_piece_by_every_command(shared
             found = opened.model.model.tensors
             assert found.keys() == HandModel.load(file).tensors.keys()
             assert opened.play()[0].metrics["length"] > 0
-    command = ["evaluate", str(file), "--score", "tune.mid", "--physics", "fast", "--json"]
+    command = ["evaluate", str(file), "--pieces", "tune.mid", "--physics", "fast", "--json"]
     assert main([*command, "a.json"]) == main([*command, "b.json"]) == 0
     assert main(["report", "tune.mid", "--player", str(file), "--physics", "fast"]) == 0
     assert main(["compare", "a.json", "b.json", "--metric", "f1", "--json", "c.json"]) == 0

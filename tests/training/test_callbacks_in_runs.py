@@ -121,7 +121,7 @@ def check_what_was_written(out, log):
 def test_every_callback_from_one_yaml_file_in_sb3_piano_train(midi_file, tmp_path):
     write_yaml(tmp_path / "all.yml", midi_file, tmp_path)
     command = ["train", "--config", str(tmp_path / "all.yml"), "--env", ENV_ID, "--seed", "1"]
-    assert main([*command, "--no-progress", "--run", str(tmp_path / "run")]) == 0
+    assert main([*command, "--no-progress", "--out", str(tmp_path / "run")]) == 0
     check_what_was_written(tmp_path, tmp_path / "run" / "tensorboard" / "run_1")
     assert (tmp_path / "run" / "best_onset_f1" / "best_model.zip").is_file()
 

@@ -69,9 +69,9 @@ def test_fingers_are_found_for_a_file_without_labels_and_others_when_it_is_train
     save_tune(tmp_path / "plain.mid")
     common = ["--steps", "3", "--no-progress"]
     train = ["train", "--midi", "plain.mid", "--fingering", "ergonomic", "--config", "small.yml"]
-    assert main([*train, *common, "--run", "run"]) == 0
+    assert main([*train, *common, "--out", "run"]) == 0
     start = ["train", "--init-from", "run", "--fingering", "robot"]
-    assert main([*start, *common, "--run", "other"]) == 0
+    assert main([*start, *common, "--out", "other"]) == 0
     for run, fingering in (("run", "ergonomic"), ("other", "robot")):
         config = yaml.safe_load((tmp_path / run / "config.yml").read_text())
         assert config["env_kwargs"] == {"score": "score.mid", "fingering": fingering}
@@ -103,7 +103,7 @@ def test_options_reach_the_run(tmp_path, capsys):
 
 
 def test_a_finished_run_says_so(capsys):
-    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
+    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--out", "run"]
     assert main([*small, "--no-progress"]) == 0
     capsys.readouterr()
     assert main(["train", "--resume", "run"]) == 0

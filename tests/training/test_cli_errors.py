@@ -8,6 +8,7 @@ import pytest
 from yaml_rows import Tables
 
 from sb3_piano.cli import main
+from sb3_piano.cli.main import parser_of
 from sb3_piano.music import Note, Score, write_midi
 
 tables = Tables(__file__)
@@ -93,3 +94,26 @@ def test_a_file_of_a_run_is_not_taken_for_a_piece(folder, capsys):
     assert main(["play", "full/model.zip"]) == 2
     told = "'full/model.zip' is a file of a run: expected its folder, 'full'."
     assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "note", "error"),
+    [
+        ("train --run a --resume b", "--run is now --out", "--out cannot be given with --resume"),
+        ("evaluate no --score=Waltz", "--score is now --pieces", "Unknown piece 'Waltz'"),
+        ("results measure --players no", "--players is now --player", "'no'"),
+    ],
+)
+def test_former_names_of_options_are_taken_with_a_note(command, note, error, folder, capsys):
+    assert main(command.split()) == 2
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == f"sb3-piano: warning: {note}."
+    assert error in second
+
+
+def test_an_option_of_several_values_may_also_be_repeated():
+    parse = parser_of(["results"]).parse_args
+    measure = ["results", "measure", "--pieces", "a", "b", "--pieces", "c"]
+    assert parse(measure).pieces == ["a", "b", "c"]
+    assert parse(measure).players == ["sight-reader", "planned"]
+    assert parse([*measure, "--player", "planned", "--player", "x"]).players == ["planned", "x"]

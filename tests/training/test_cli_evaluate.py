@@ -12,7 +12,7 @@ from printed import rows_of
 from yaml_rows import Tables
 
 from sb3_piano.cli import main
-from sb3_piano.cli.evaluate import _several_runs_table, rounded
+from sb3_piano.cli.evaluation_tables import _several_runs_table, rounded
 from sb3_piano.metrics.episode import FINGER_SHARES
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.statistics import summarize
@@ -147,7 +147,7 @@ def test_several_runs_have_a_row_each_under_their_piece(piano_run, call, tmp_pat
 def test_baselines_that_differ_are_shown_for_each_run(piano_run, call):
     piano_run(STILL, "one")
     piano_run(STILL, "two", control_timestep=0.1)
-    _, out, _ = call("evaluate one two --metrics length")
+    _, out, _ = call("evaluate one two --metric length")
     assert [row[:2] for row in rows_of(out)] == [
         ["duet", ""],
         ["one", "25"],
@@ -174,12 +174,12 @@ def test_intervals_and_repetitions_of_several_runs_are_explained(pendulum_run, c
 def test_named_metrics_choose_rows_or_columns(piano_run, pendulum_run, call):
     piano_run(STILL, "piano")
     pendulum_run("pendulum")
-    _, out, _ = call("evaluate piano --metrics finger_share_l5 f1")
+    _, out, _ = call("evaluate piano --metric finger_share_l5 f1")
     assert [row[0] for row in rows_of(out)] == [
         "Keys, step by step", "F1", "Fingers", "share of the left little finger",
     ]  # fmt: skip
     many = "f1 recall precision onset_f1 onset_recall return length"
-    _, out, _ = call(f"evaluate piano pendulum --metrics {many}")
+    _, out, _ = call(f"evaluate piano pendulum --metric {many}")
     assert [len(row) for row in rows_of(out)] == [6] * 5 + [3] * 5  # five metrics in a table
     pendulum = [row for row in rows_of(out) if row[0] == "pendulum"]
     assert pendulum[0][1:] == ["-"] * 5
@@ -281,9 +281,9 @@ def test_equal_pairs_are_said_to_be_left_out_of_the_test(call, evaluations):
 
 def test_a_run_on_several_pieces_has_its_means(piano_run, call, tmp_path):
     piano_run(LOUD, physics="fast")
-    command = "evaluate run --metrics f1 recall --json all.json"
+    command = "evaluate run --metric f1 recall --json all.json"
     pieces = ("CMajorChordProgressionTwoHands", "DMajorScaleOneHand", "TwinkleTwinkleLittleStar")
-    code, out, _ = call(command + "".join(f" --score {piece}" for piece in pieces))
+    code, out, _ = call(command + "".join(f" --pieces {piece}" for piece in pieces))
     assert code == 0
     rows = rows_of(out)
     found = json.loads((tmp_path / "all.json").read_text())["evaluations"]
@@ -294,7 +294,7 @@ def test_a_run_on_several_pieces_has_its_means(piano_run, call, tmp_path):
     assert 0 <= low <= means[0] <= high
     assert len(rows) == at + 3
     assert "An interval from so few values (3) is too narrow" in out
-    assert "mean over pieces" not in call(f"{command} --score CMajorChordProgressionTwoHands")[1]
+    assert "mean over pieces" not in call(f"{command} --pieces CMajorChordProgressionTwoHands")[1]
 
 
 def test_means_are_also_those_without_pieces_played_as_by_resting_hands(piano_run, tmp_path):

@@ -87,7 +87,7 @@ def test_a_training_begins_as_the_sight_reader_and_learns(algo):
 def test_every_command_works_with_such_a_run():
     Path("mine.yml").write_text(yaml.safe_dump({GENERAL_ID: brief("sac")}))
     command = "train --from other.safetensors --midi tune.mid --config mine.yml --steps 32 --seed 0"
-    assert main([*command.split(), "--run", "run", "--no-progress"]) == 0
+    assert main([*command.split(), "--out", "run", "--no-progress"]) == 0
     wanted = evaluate("run").mean
     assert main(["export", "run", "shared", "--no-video", "--episodes", "1"]) == 0
     tensors = HandModel.load(NETWORK).tensors

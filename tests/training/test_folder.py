@@ -267,7 +267,7 @@ def test_the_command_tells_it_in_one_line(small_config, disk, tmp_path, capfd):
     config = {"default": {**settings, "callback": [fill], "n_timesteps": 100}}
     (tmp_path / "small.yml").write_text(yaml.safe_dump(config))
     run = disk.path / "run"
-    command = ["train", "--env", "Pendulum-v1", "--config", tmp_path / "small.yml", "--run", run]
+    command = ["train", "--env", "Pendulum-v1", "--config", tmp_path / "small.yml", "--out", run]
     line = error_of(capfd, *command, "--checkpoint-every", "30", "--no-progress")
     assert "after 30 steps, is safe" in line
     assert f"sb3-piano train --resume {run}" in line
@@ -290,6 +290,6 @@ def test_a_folder_that_is_write_protected_is_named(pendulum_run, disk, capfd):
     line = error_of(capfd, "train", "--resume", run, "--steps", "60")
     assert f"'{run}/.lock' cannot be locked: Read-only file system" in line
     assert "Read-only file system" in error_of(
-        capfd, "train", "--run", disk.path / "b", "--env", "Pendulum-v1"
+        capfd, "train", "--out", disk.path / "b", "--env", "Pendulum-v1"
     )
     assert "Read-only file system" in error_of(capfd, "evaluate", run)

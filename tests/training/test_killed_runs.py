@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 PATIENCE = 600  # s; starting several processes takes minutes where many others are at work
 COMMAND = [
     *("-m", "sb3_piano.cli", "train", "--env", "Pendulum-v1", "--config", "long.yml"),
-    *("--run", "run", "--no-progress", "--seed", "1"),
+    *("--out", "run", "--no-progress", "--seed", "1"),
 ]
 
 
@@ -58,7 +58,7 @@ def test_a_run_has_one_training_and_killed_at_any_time_goes_on_from_its_last_che
         assert main(["train", "--resume", str(folder.path)]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert f"Run '{folder.path}' is being trained by process {process.pid} on " in line
-        assert main(["train", "--env", "Pendulum-v1", "--run", str(folder.path)]) == 2
+        assert main(["train", "--env", "Pendulum-v1", "--out", str(folder.path)]) == 2
         assert "is being trained by process" in capsys.readouterr().err
         assert main(["evaluate", str(folder.path), "--episodes", "1"]) == 0
 

@@ -91,7 +91,7 @@ def former():
 
 @pytest.mark.slow
 def test_a_player_is_evaluated_compared_watched_and_reported(capsys, piano_run, expected):
-    player = ["planned", "--score", "tune.mid", "--physics", "fast"]
+    player = ["planned", "--pieces", "tune.mid", "--physics", "fast"]
     assert main(["evaluate", *player, "--json", "planned.json"]) == 0
     assert "tune: 1 episode, model after 0 steps of training" in capsys.readouterr().out
     [found] = json.loads(Path("planned.json").read_text())["evaluations"]
@@ -175,7 +175,7 @@ def test_what_is_not_trained_is_told_so_in_one_way(algo, former, capsys, caplog)
 @pytest.mark.slow
 def test_notes_that_cannot_be_played_are_told_once_and_in_words(capsys, recwarn):
     told = "sb3-piano: warning: 1 note cannot be played as written"
-    twice = ["planned", "planned:feedback=0.9", "--score", "wide.mid", "--physics", "fast"]
+    twice = ["planned", "planned:feedback=0.9", "--pieces", "wide.mid", "--physics", "fast"]
     assert main(["evaluate", *twice]) == 0
     error = capsys.readouterr().err
     assert error.count(told) == 1

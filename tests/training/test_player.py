@@ -176,5 +176,5 @@ def test_a_training_may_end_with_what_the_model_plays(tmp_path, midi_file):
     settings = "RoboPianist-v0: {n_timesteps: 5, policy: MlpPolicy, buffer_size: 10}"
     (tmp_path / "tiny.yml").write_text(settings)
     command = ["train", "--midi", str(midi_file), "--config", str(tmp_path / "tiny.yml")]
-    assert main([*command, "--run", str(run), "--no-progress", "--play"]) == 0
+    assert main([*command, "--out", str(run), "--no-progress", "--play"]) == 0
     assert (run / "play" / "performance.wav").is_file()

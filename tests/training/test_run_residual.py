@@ -280,7 +280,7 @@ def test_the_left_hand_is_corrected_in_the_mirror(base):
 
 def test_the_command_takes_the_runs_own_piece(base, capsys):
     Path("brief.yml").write_text(yaml.safe_dump({GENERAL_ID: {**BRIEF, "callback": []}}))
-    command = ["train", "--from", "base", "--config", "brief.yml", "--steps", "4", "--run", "run"]
+    command = ["train", "--from", "base", "--config", "brief.yml", "--steps", "4", "--out", "run"]
     assert main([*command, "--no-progress"]) == 0
     config = RunFolder.open("run").read_config()
     assert config.env.base == str(Path("run/base"))

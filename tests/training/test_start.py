@@ -366,9 +366,9 @@ def test_the_command_starts_from_a_run_on_another_piece(tmp_path, monkeypatch):
     small = "{policy_kwargs: {net_arch: [8]}, batch_size: 8, buffer_size: 200, learning_starts: 9,"
     small += " policy: MlpPolicy, n_timesteps: 20, env_kwargs: {physics: fast}}"
     (tmp_path / "small.yml").write_text(f"default: {small}")
-    base = ["train", "--algo", "sac", "--config", "small.yml", "--no-progress", "--run", "first"]
+    base = ["train", "--algo", "sac", "--config", "small.yml", "--no-progress", "--out", "first"]
     assert main([*base, "--env", "RoboPianist-scale-CMajor-v0"]) == 0
-    following = ["train", "--init-from", "first", "--no-progress", "--run"]
+    following = ["train", "--init-from", "first", "--no-progress", "--out"]
     assert main([*following, "second", "--pieces", "scale-[CD]Major", "--n-envs", "2"]) == 0
     assert main([*following, "third", "--midi", "FurElise"]) == 0
     assert main([*following, "fourth", "--with-buffer", "--steps", "30"]) == 0

@@ -103,7 +103,7 @@ def write_yaml(path, **changes):
 def train_by_command(tmp_path, score_file, **changes):
     file = write_yaml(tmp_path / "stack.yml", **changes)
     command = ["train", "--algo", "td3", "--config", str(file), "--midi", str(score_file)]
-    return main([*command, "--seed", "1", "--no-progress", "--run", str(tmp_path / "run")])
+    return main([*command, "--seed", "1", "--no-progress", "--out", str(tmp_path / "run")])
 
 
 @pytest.mark.slow
@@ -292,7 +292,7 @@ def test_a_run_from_yaml_logs_evaluates_and_reports_them(entry, tmp_path, capsys
     file, folder = tmp_path / "own.yml", tmp_path / "run"
     file.write_text(yaml.safe_dump({ENV_ID: entry}))
     command = ["train", "--algo", "td3", "--env", ENV_ID, "--config", str(file), "--no-progress"]
-    assert main([*command, "--run", str(folder)]) == 0
+    assert main([*command, "--out", str(folder)]) == 0
     run = RunFolder.open(folder)
     assert run.read_config().env_kwargs["reward_terms"] == TERMS
     (episode,) = episodes_of(run.monitor_dir)

@@ -104,7 +104,7 @@ def test_sac_has_the_same_first_500_steps_in_ours_and_in_the_stock_zoo(folder, t
             "^# ((?:sb3-piano|python -m) .*)", folder.best_file.read_text(), re.MULTILINE
         )
     )
-    ours, more = tmp_path / "ours", ["--seed", "0", "--no-progress", "--run"]
+    ours, more = tmp_path / "ours", ["--seed", "0", "--no-progress", "--out"]
     assert main([*ours_in_it[1:], *more, str(ours)]) == 0
     zoo = [*theirs_in_it[1:], "--seed", "0", "--eval-freq", "-1"]
     done = run_python([*zoo, "--log-folder", str(tmp_path / "zoo")], tmp_path)

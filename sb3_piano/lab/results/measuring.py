@@ -178,7 +178,7 @@ def _play(source: str, what: Measurement, seed: int) -> tuple[Mapping[str, float
 
 def command(what: Measurement) -> str:
     """Return the command that repeats a measurement."""
-    parts = ["sb3-piano", "results", "measure", "--pieces", what.piece, "--players", what.player]
+    parts = ["sb3-piano", "results", "measure", "--pieces", what.piece, "--player", what.player]
     parts += ["--seeds", *map(str, what.seeds)]
     if what.physics != "reference":
         parts += ["--physics", what.physics]

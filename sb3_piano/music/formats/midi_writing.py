@@ -3,7 +3,8 @@
 MIDI has no field for fingers. Each finger has a track, named by the pianists' numbers: ``R1``
 (right thumb) to ``R5`` (right little), ``L1`` to ``L5``. Notes with a hand but no finger are in
 tracks named ``right`` and ``left``, all others in one named ``unlabelled``. Any MIDI program shows
-these tracks, and they survive editing.
+these tracks, and they survive editing. A performance has one track named ``Piano`` instead, which
+such a program gives to one instrument, with the pedal.
 
 One MIDI track cannot hold two overlapping notes of one pitch: the first release ends both. If two
 such notes have the same label, the second goes to a further track, ``R1 2`` or ``unlabelled 2``.
@@ -32,7 +33,8 @@ from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER, TRACK_NAMES
 from sb3_piano.music.note import Note, Pedal, merge_pedals
 from sb3_piano.music.score import Score
 
-_ORDER = list(TRACK_NAMES.values())
+_PIANO = "Piano"
+_ORDER = [*TRACK_NAMES.values(), _PIANO]
 
 _BEATS_PER_MINUTE = 120.0
 _RESOLUTIONS = (5000, 2500, 1000, 500, 250, 100)
@@ -46,8 +48,14 @@ _MOST_BEATS = 255
 """The numerator of a time signature is one byte."""
 
 
-def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
+def write_midi(score: Score, path: str | os.PathLike[str], *, by_finger: bool = True) -> None:
     """Write a score as a MIDI file, atomically.
+
+    Args:
+        score: The score.
+        path: The file.
+        by_finger: Whether each finger has a track of its own, as above; otherwise all notes and the
+            pedal are in one track, and labels are lost.
 
     Raises:
         ScoreError: If the file cannot be written, or the score is longer than 13 hours.
@@ -56,7 +64,7 @@ def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     midi = pretty_midi.PrettyMIDI(resolution=resolution, initial_tempo=_BEATS_PER_MINUTE)
     tick = 60.0 / _BEATS_PER_MINUTE / resolution
     midi.time_signature_changes = list(_time_signatures(score, tick, resolution))
-    midi.instruments = _label_tracks(score, tick)
+    midi.instruments = _tracks(score, tick, by_finger)
     pedals = pedals_in_ticks(score, tick)
     for track in midi.instruments:  # a pedal acts on its channel alone, and each track has one
         track.control_changes = control_changes(pedals)
@@ -99,13 +107,13 @@ def _time_signatures(
         running, running_ticks = (meter, ticks) if ticks == stop - start else (None, 0.0)
 
 
-def _label_tracks(score: Score, tick: float) -> list[pretty_midi.Instrument]:
-    """Distribute the notes to tracks: right hand, left hand, unlabelled."""
+def _tracks(score: Score, tick: float, by_finger: bool) -> list[pretty_midi.Instrument]:
+    """Distribute the notes to tracks: right hand, left hand, unlabelled; or put all into one."""
     tracks: dict[tuple[str, int], pretty_midi.Instrument] = {}
     free_from: dict[tuple[str, int, int], int] = {}
     for note in score.notes:
         start, end = in_ticks(note, tick)
-        name, copy = TRACK_NAMES[note.finger, note.hand], 1
+        name, copy = TRACK_NAMES[note.finger, note.hand] if by_finger else _PIANO, 1
         while free_from.get((name, copy, note.pitch), 0) > start:
             copy += 1
         free_from[name, copy, note.pitch] = end

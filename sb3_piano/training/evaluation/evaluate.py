@@ -352,7 +352,7 @@ def _with_files(played: Sequence[_Played], metrics_file: Path) -> list[Evaluatio
             file = folder / f"performance_{number}.mid"
             scores.append(None if take.score is None else file)
             if take.score is not None:
-                write_midi(take.score, file)
+                write_midi(take.score, file, by_finger=False)
             if take.motion is not None:
                 motions.append(file.with_suffix(SUFFIX))
                 take.write(motions[-1])

@@ -61,7 +61,7 @@ def write_report(
                 "no piano. Expected a run of a piano environment."
             )
         (take,), baseline = opened.play(), opened.rest()
-        given = {"--physics": physics, "--best": best, "--score": _text_of(score)}
+        given = {"--physics": physics, "--best": best, "--pieces": _text_of(score)}
         where = take.scene_options["physics"]
         facts, commands = _origin(opened, where, seed, given, replay)
         trained = f" after {opened.num_timesteps:,} steps of training" if opened.run else ""

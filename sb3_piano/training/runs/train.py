@@ -207,6 +207,9 @@ def _learn(
     """
     started_at = model.num_timesteps
     _open_logs(run, model, append=resumed is not None)
+    device = config.algorithm_kwargs.get("device")
+    if str(device).startswith("cuda") and model.device.type == "cpu":  # SB3 says nothing
+        _log.warning("device is %r, but torch finds no GPU: the training runs on the CPU.", device)
 
     def another_env(innermost: EnvWrapper | None) -> VecEnv:
         return build_vec_env(config.alone(), innermost=innermost)

@@ -14,7 +14,7 @@ from yaml_rows import Tables
 
 from sb3_piano import threads
 from sb3_piano.cli import main
-from sb3_piano.cli.main import parser_of
+from sb3_piano.cli.main import parser_of, renamed
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import HELD_OUT
@@ -64,7 +64,7 @@ def test_the_commands_of_results_are_ones_that_there_are():
     for found in ALL_RESULTS:
         program, *arguments = shlex.split(found.command)
         assert program == "sb3-piano"
-        given = parser.parse_args(arguments)
+        given = parser.parse_args(renamed(arguments))
         assert (given.pieces, given.players) == ([found.piece], [found.player])
 
 
@@ -99,7 +99,7 @@ def test_a_file_of_another_kind_is_told_before_anything_is_played(tmp_path, caps
     for name in ("out.json", "bad.mid"):
         (tmp_path / name).write_text("no results, and no music")
     out, piece = str(tmp_path / "out.json"), str(tmp_path / "bad.mid")
-    arguments = ["--pieces", piece, "--players", "sight-reader", "--out", out]
+    arguments = ["--pieces", piece, "--player", "sight-reader", "--out", out]
     assert main(["results", "measure", *arguments, "--no-progress"]) == 2
     assert "out.json' does not fit the schema of results" in capsys.readouterr().err
 
@@ -129,7 +129,7 @@ def test_a_result_that_came_into_the_file_while_others_are_measured_stays(tmp_pa
         Results.add_to(file, [result(piece="another's")])
         yield result(piece="last")
 
-    monkeypatch.setattr("sb3_piano.lab.results.command._done", done)
+    monkeypatch.setattr("sb3_piano.lab.commands.results._done", done)
     assert main(["results", "measure", "--pieces", "scale-AMajor", "--out", str(file)]) == 0
     assert [r.piece for r in Results.read(file).results] == ["another's", "first", "last"]
 
@@ -224,7 +224,7 @@ def measured(tmp_path_factory):
     """Return a file of a run and the sight-reader, each on a study, measured by the command."""
     folder = tmp_path_factory.mktemp("results")
     command = ["results", "measure", "--pieces", "scale-AMajor", "--seeds", "0", "1"]
-    command += ["--players", "sight-reader", f"sight-reader:model={SHIPPED}", "--physics", "fast"]
+    command += ["--player", "sight-reader", f"sight-reader:model={SHIPPED}", "--physics", "fast"]
     command += ["--noise", "0.01", "--workers", "1", "--out", str(folder / "results.json")]
     assert main(command) == 0
     return folder / "results.json"

@@ -31,7 +31,8 @@ def add_arguments(parser: Any) -> None:
     add = add_command(parts, "measure", _measure, "evaluate players and write a file", epilog=TRUST)
     add("--pieces", "PIECE", "pieces: names, files or collections; default: repertoire", nargs="+")
     add("--held-out", text="use the pieces and seeds of the held-out list")
-    add("--players", "PLAYER", _PLAYERS_HELP, nargs="+", default=["sight-reader", "planned"])
+    players = ["sight-reader", "planned"]
+    add("--player", "PLAYER", _PLAYERS_HELP, nargs="+", default=players, dest="players")
     add("--seeds", "N", "random seeds, one episode each; default: 0 to 4", int, nargs="+")
     add("--noise", "RAD", "standard deviation of action noise; default: 0.0001", float)
     add("--physics", "NAME", "physics profile", default="reference")

@@ -33,8 +33,8 @@ def add_arguments(parser: Any) -> None:
     add_run_arguments(add)
     add("--pieces", "PIECE", f"of web: {_PIECES_HELP}", nargs="+")
     add("--tree", text=f"of web: {_TREE_HELP}")
-    add("--take", "FILE|DIR", f"of web: {_TAKE_HELP}", nargs="+", default=[])
-    add("--run", "RUN", f"of web: {_RUN_HELP}", action="append", default=[])
+    add("--take", "FILE|DIR", f"of web: {_TAKE_HELP}", nargs="+")
+    add("--run", "RUN", f"of web: {_RUN_HELP}", action="append")
     add("--no-progress")
 
 
@@ -56,8 +56,8 @@ def _export_web(arguments: argparse.Namespace) -> int:
             arguments.folder,
             arguments.pieces or DEFAULT_PIECES,
             tree=tree,
-            takes=arguments.take,
-            runs=arguments.run,
+            takes=arguments.take or (),
+            runs=arguments.run or (),
             progress=lambda piece, done, total: tell(
                 description=piece or "done", completed=done, total=total
             ),

@@ -22,6 +22,8 @@ const SEMITONES: Readonly<Record<string, number>> = { C: 0, D: 2, E: 4, F: 5, G:
 const KINDS = ["breve", "whole", "half", "quarter", "eighth", "16th", "32nd", "64th", "128th", "256th"];
 const KEYBOARDS = /piano|pno|\bpf(te?)?\b|klav|clavi|clave[cm]|cemb|harpsi|keyboard|\bkeys\b|organ|orgel|celesta|tasten/i;
 
+const JUMPS = /\bd\. ?[cs]\b|\bda ?capo\b|\bdal segno\b/i;
+
 /** A note of the file; times in quarter notes, then s. */
 interface Written {
   start: number;
@@ -54,7 +56,8 @@ export function documentOf(
     return text.trimStart().startsWith("<") ? text : null;
   }
   const container = files.get("META-INF/container.xml");
-  const named = container && /full-path\s*=\s*["']([^"']+)/.exec(decoded(container))?.[1];
+  const paths = [...(container ? decoded(container) : "").matchAll(/full-path\s*=\s*["']([^"']+xml)["']/gi)];
+  const named = paths.map(([, path]) => path).find((path) => files.has(path));
   const others = [...files.keys()].filter((file) => /^(?!META-INF|.*\/\.).*\.(xml|musicxml)$/i.test(file));
   const found = files.get(named ?? "") ?? files.get(others[0] ?? "");
   if (found === undefined) {
@@ -87,7 +90,9 @@ function read(root: XmlElement, name: string): ReadScore {
   if (root.tag !== "score-partwise") throw new Error(`its root is <${root.tag}>, not <score-partwise>`);
   const names = new Map(root.all("part-list/score-part").map((part) => [part.attribute("id"), part.textAt("part-name")]));
   const measures = new Measures();
-  const parts = root.all("part").map((part) => new Part(names.get(part.attribute("id")) ?? "", part, measures));
+  const elements = root.all("part");
+  const divisions = elements.map(divisionsOf).find((divisions) => divisions !== undefined) ?? 1;
+  const parts = elements.map((part) => new Part(names.get(part.attribute("id")) ?? "", part, measures, divisions));
   for (let number = 0; parts.some((part) => number < part.measures.length); number++) {
     const start = measures.end;
     const end = Math.max(...parts.map((part) => part.read(number, start)));
@@ -104,7 +109,7 @@ function read(root: XmlElement, name: string): ReadScore {
   const kept = notes
     .map(({ note, hand }): Note => {
       const finger = note.finger > 0 && hand !== null ? note.finger - 1 + FINGERS_PER_HAND * hand : UNKNOWN_FINGER;
-      return { onset: note.start + wait, offset: note.end + wait, pitch: note.pitch, velocity: note.velocity, finger, hand };
+      return { onset: exact(note.start + wait), offset: exact(note.end + wait), pitch: note.pitch, velocity: note.velocity, finger, hand };
     })
     .filter((note) => leftOut.isPlayable(note.onset, note.offset - EQUAL, note.pitch));
   if (kept.length === 0) throw new InputError(`“${name}” has no notes to play.`);
@@ -137,9 +142,10 @@ class Part {
     readonly name: string,
     element: XmlElement,
     private readonly marks: Measures,
+    others: number,
   ) {
     this.measures = element.all("measure");
-    this.divisions = element.all("measure/attributes/divisions").map((one) => number(one.text)).find((n) => n > 0) ?? 1;
+    this.divisions = divisionsOf(element) ?? others;
   }
 
   /** Read a measure; return the end of its longest voice. */
@@ -167,13 +173,15 @@ class Part {
     const isGrace = element.first("grace") !== undefined;
     const inChord = element.first("chord") !== undefined;
     let duration = this.duration(element);
+    const written = valueOf(element.textAt("type"), element.all("dot").length);
     if (duration === 0 && !isGrace) {
-      const isWhole = element.first("rest")?.attribute("measure") === "yes";
-      duration = isWhole ? this.meter : valueOf(element.textAt("type"), element.all("dot").length);
+      duration = element.first("rest")?.attribute("measure") === "yes" ? this.meter : written;
     }
     if (!inChord) {
       this.struck = [this.here, this.here + duration];
       this.here += duration;
+    } else if (duration > 0 && [0, duration].includes(written)) {
+      this.struck = [this.struck[0], this.struck[0] + duration];
     }
     const step = element.textAt("pitch/step");
     if (element.first("pitch") === undefined || element.first("cue") !== undefined) return;
@@ -220,6 +228,8 @@ class Part {
     const offset = element.first("offset");
     const moved = offset?.attribute("sound") === "yes" ? number(offset.text) / this.divisions : 0;
     const at = Math.max(0, this.here + moved);
+    const words = element.all("direction-type/words").map((one) => one.text).join(" ");
+    if (JUMPS.test(words)) this.marks.hasJumps = true;
     const sound = element.first("sound");
     if (sound) this.readSound(sound, at);
     for (const mark of element.all("direction-type/metronome")) {
@@ -243,9 +253,19 @@ class Part {
   }
 }
 
+/** The first divisions of a quarter note in a part. */
+function divisionsOf(part: XmlElement): number | undefined {
+  return part.all("measure/attributes/divisions").map((one) => number(one.text)).find((divisions) => divisions > 0);
+}
+
 /** A number, with a comma or a point; 0 for no number. */
 function number(text: string): number {
   return Number(text.trim().replace(",", ".")) || 0;
+}
+
+/** A time without what rounding adds, by which notes of a chord differ. */
+function exact(time: number): number {
+  return Number(time.toFixed(9));
 }
 
 /** Length of a kind of note, quarter notes. */

@@ -4,12 +4,17 @@ const QUARTERS_PER_MINUTE = 120;
 const MOST_TIMES = 20;
 const EQUAL = 1e-6;
 
+/** An ending: the turns in which it is played. */
+interface Ending {
+  numbers: readonly number[];
+}
+
 interface Measure {
   readonly start: number;
   readonly end: number;
   readonly isBegin: boolean;
   readonly times: number;
-  readonly endings: readonly number[] | null;
+  ending: Ending | null;
 }
 
 /** Return when what is written from one quarter note to another is played, s: once, or for each repeat. */
@@ -27,7 +32,7 @@ export class Measures {
   private readonly done: Measure[] = [];
   private isBegin = false;
   private times = 1;
-  private ending: readonly number[] | null = null;
+  private ending: Ending | null = null;
   private ends = false;
 
   /** Quarter note at which the next measure begins. */
@@ -49,7 +54,7 @@ export class Measures {
     }
     const ending = element.first("ending");
     if (ending?.attribute("type") === "start") {
-      this.ending = [...ending.attribute("number").matchAll(/\d+/g)].map(Number);
+      this.ending = { numbers: numbersOf(ending.attribute("number") || ending.text) };
     } else if (ending) {
       this.ends = true;
     }
@@ -57,7 +62,7 @@ export class Measures {
 
   /** End a measure. */
   close(end: number): void {
-    this.done.push({ start: this.end, end, isBegin: this.isBegin, times: this.times, endings: this.ending });
+    this.done.push({ start: this.end, end, isBegin: this.isBegin, times: this.times, ending: this.ending });
     [this.isBegin, this.times] = [false, 1];
     if (this.ends) [this.ending, this.ends] = [null, false];
   }
@@ -81,15 +86,16 @@ export class Measures {
 
   /** Return the measures in the order of playing. */
   private order(): number[] {
+    this.numberEndings();
     const order: number[] = [];
     let [begin, turn] = [0, 1];
     let index = 0;
     while (index < this.done.length) {
-      const { isBegin, times, endings } = this.done[index];
+      const { isBegin, times, ending } = this.done[index];
       if (isBegin && index !== begin) [begin, turn] = [index, 1];
-      if (endings === null || endings.includes(turn)) order.push(index);
-      const last = endings === null ? times : Math.max(times, this.lastTurn(index));
-      const isPlayed = endings === null || endings.includes(turn);
+      const isPlayed = ending === null || ending.numbers.includes(turn);
+      if (isPlayed) order.push(index);
+      const last = ending === null ? times : this.lastTurn(index);
       if (times > 1 && isPlayed && turn < last) {
         turn++;
         index = begin;
@@ -97,18 +103,42 @@ export class Measures {
       }
       index++;
       // A repeat that is over ends with its last ending.
-      const isOver = times > 1 || endings !== null;
-      if (isOver && turn >= last && (this.done[index]?.endings ?? null) === null) [begin, turn] = [index, 1];
+      const isOver = times > 1 || ending !== null;
+      if (isOver && turn >= last && (this.done[index]?.ending ?? null) === null) [begin, turn] = [index, 1];
     }
     return order;
   }
 
-  /** Return the last number of the endings around a measure. */
-  private lastTurn(index: number): number {
+  /** Return the measures around one that have endings, one after the other. */
+  private group(index: number): Measure[] {
     let [first, after] = [index, index];
-    while (this.done[first]?.endings) first--;
-    while (this.done[after]?.endings) after++;
-    return Math.max(1, ...this.done.slice(first + 1, after).flatMap((measure) => measure.endings ?? []));
+    while (this.done[first]?.ending) first--;
+    while (this.done[after]?.ending) after++;
+    return this.done.slice(first + 1, after);
+  }
+
+  /** Return the last turn of the endings around a measure; a lone ending is left out in one more. */
+  private lastTurn(index: number): number {
+    const endings = new Set(this.group(index).map((measure) => measure.ending!));
+    return Math.max(...[...endings].flatMap((ending) => ending.numbers)) + (endings.size === 1 ? 1 : 0);
+  }
+
+  /** Number endings in their order unless their own numbers fit; those without a repeat are no endings. */
+  private numberEndings(): void {
+    for (let index = 0; index < this.done.length; index++) {
+      const group = this.group(index);
+      const endings = [...new Set(group.map((measure) => measure.ending!))];
+      const numbers = endings.flatMap((ending) => ending.numbers).sort((a, b) => a - b);
+      if (!group.some((measure) => measure.times > 1)) {
+        for (const measure of group) measure.ending = null;
+      } else if (!endings[0].numbers.includes(1) || numbers.some((number, i) => number !== i + 1)) {
+        let next = 1;
+        for (const ending of endings) {
+          ending.numbers = Array.from({ length: Math.max(1, ending.numbers.length) }, () => next++);
+        }
+      }
+      index += group.length;
+    }
   }
 
   private seconds(): (at: number) => number {
@@ -123,4 +153,12 @@ export class Measures {
       return time + ((at - last) * 60) / tempo;
     };
   }
+}
+
+/** Numbers of an ending, such as "1, 2" or "1-3". */
+function numbersOf(text: string): number[] {
+  return [...text.matchAll(/(\d+)(?:\.?\s*[-–—]\s*(\d+))?/g)].flatMap(([, first, last]) => {
+    const length = Math.min(MOST_TIMES, Number(last ?? first)) - Number(first) + 1;
+    return Array.from({ length: Math.max(0, length) }, (_, i) => Number(first) + i);
+  });
 }

@@ -241,7 +241,7 @@ def _write_piece(
         "composer": "" if piece is None else piece.composer,
         "collection": "" if piece is None else piece.collection,
         **files,
-        "recorder": performances["recorded"].player,
+        "recorder": _named_player(performances["recorded"].player),
         "expected": {player: _measured(take) for player, take in performances.items()},
     }
 
@@ -257,11 +257,20 @@ def _write_own(path: Path, take: Take, taken: set[str]) -> dict[str, Any]:
     return {
         "id": name,
         "title": take.title,
-        "composer": take.player,
+        "composer": _named_player(take.player),
         "recording": file,
-        "recorder": take.player,
+        "recorder": _named_player(take.player),
         "expected": {"recorded": _measured(take)},
     }
+
+
+def _named_player(player: str) -> str:
+    """Return a player in words: a spec without the folders of its files."""
+    if "plan=" in player:
+        return "Plan, refined in simulation"
+    if player.startswith("tree:"):
+        return f"{_named_player(player.split(':', 2)[2])}, looking ahead"
+    return {"planned": "Planned hands", SIGHT_READER: "Sight-reader"}.get(player, Path(player).name)
 
 
 def _measured(take: Take) -> dict[str, float]:

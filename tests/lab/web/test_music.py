@@ -192,7 +192,9 @@ class TestMusicXml:
         assert found["warnings"] == ["Jumps (D.C., D.S.) are not followed on this page."]
         for text in ("<html></html>", "<score-partwise><part>", "<score-partwise/>"):
             content = base64.b64encode(text.encode()).decode()
-            with pytest.raises(RefusedInputError, match="^“a.xml” (cannot be read as|has no notes)"):
+            with pytest.raises(
+                RefusedInputError, match="^“a.xml” (cannot be read as|has no notes)"
+            ):
                 music("musicxml", name="a.xml", bytes=content)
 
 

@@ -22,7 +22,7 @@ from sb3_piano.players import PlayerSpec, TreeSettings, rollout
 from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.players.planned import Trackers, action_of
 from sb3_piano.training.playing.player import PLANNED_IN, OpenPlayer
-from sb3_piano.training.playing.takes import take_of
+from sb3_piano.training.playing.takes import FILE_NAME, take_of
 from sb3_piano.viewing.take import SUFFIX, Motion, Take
 
 # Gains make up most of a plan; rounded to 1/254 of the largest they take a quarter of the space.
@@ -118,16 +118,18 @@ def take_of_run(run: str | os.PathLike[str]) -> Take:
 
 
 def read_takes(paths: Sequence[str | os.PathLike[str]]) -> list[Take]:
-    """Read takes for the page from files, and from all files of folders.
+    """Read takes for the page from files and folders: of ``play``, or with nothing but takes.
 
     Raises:
         ConfigError: If a file is no take, the page cannot show its hands, or a folder has none.
     """
     takes = []
     for path in map(Path, paths):
+        played = path / f"{FILE_NAME}{SUFFIX}"
         files = sorted(path.glob(f"*{SUFFIX}")) if path.is_dir() else [path]
+        files = [played] if played.is_file() else files
         if not files:
-            raise ConfigError(f"'{path}' has no take: expected files such as performance{SUFFIX}.")
+            raise ConfigError(f"'{path}' has no take: expected files such as {FILE_NAME}{SUFFIX}.")
         takes += [_shown(Take.read(file), f"'{file}'") for file in files]
     return takes
 

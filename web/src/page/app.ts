@@ -55,6 +55,8 @@ export class App {
   private readonly downloads: Downloads;
   /** Number of the last search for a place, and whether it goes on playing there. */
   private seeks = 0;
+  /** Number of the search that goes on, if there is one: nothing is drawn meanwhile. */
+  private seeking: number | null = null;
   private goesOn = false;
   /** Keys that have moved since the beginning. */
   private events: KeyEvent[] = [];
@@ -150,7 +152,7 @@ export class App {
   async toggle(): Promise<void> {
     const playback = this.playback;
     if (playback === null) return;
-    this.seeks++;
+    this.endSeek();
     if (playback.playing) {
       this.pause();
       this.say(`Paused at ${clock(playback.shown)}. ${figures(playback.session.metrics())}. ${describe(playback.session)}`);
@@ -171,7 +173,7 @@ export class App {
   }
 
   restart(): void {
-    this.seeks++;
+    this.endSeek();
     this.parts.sound.stop();
     this.playback?.restart();
     this.beginJudgement();
@@ -182,7 +184,7 @@ export class App {
   /** Play control steps without regard to real time. */
   advance(steps: number): void {
     if (this.playback === null) return;
-    this.seeks++;
+    this.endSeek();
     this.pause();
     this.playback.advance(steps);
     this.showFigures();
@@ -204,11 +206,12 @@ export class App {
     if (target < session.stepsPlayed) this.restart();
     const number = ++this.seeks;
     this.goesOn = goesOn;
+    this.seeking = number;
     try {
       while (session.stepsPlayed < target && !session.finished) {
         const end = performance.now() + SEEK_TIME;
         while (performance.now() < end && session.stepsPlayed < target && !session.finished) playback.advance(1);
-        this.wake();
+        this.showPlace(playback.shown);
         this.say(`Going to ${clock(target * controlTimestep)} …`);
         await new Promise((resolve) => setTimeout(resolve));
         if (number !== this.seeks || playback !== this.playback) return;
@@ -217,10 +220,17 @@ export class App {
       this.complain(error);
     }
     this.goesOn = false;
+    this.seeking = null;
     this.showFigures();
     this.say(`At ${clock(playback.shown)}. ${figures(session.metrics())}.`);
     if (goesOn && !session.finished) await this.toggle();
     else this.showPlaying();
+  }
+
+  /** Whatever else is asked for ends a search. */
+  private endSeek(): void {
+    this.seeks++;
+    this.goesOn = false;
   }
 
   setTempo(tempo: number): void {
@@ -256,7 +266,7 @@ export class App {
   /** Go on by some real time, s, and draw what has changed. */
   frame(elapsed: number): void {
     const playback = this.playback;
-    if (playback === null) return;
+    if (playback === null || this.seeking === this.seeks) return;
     const played = playback.playing;
     try {
       playback.tick(elapsed);
@@ -291,21 +301,19 @@ export class App {
       duration: score.duration,
     });
     this.parts.roll.draw(playback.shown + lead);
-    const { seek, clock: time } = this.parts.elements;
-    const length = roll.steps * roll.controlTimestep;
-    time.value = `${clock(playback.shown)} / ${clock(length)}`;
-    if (!seek.matches(":active")) {
-      seek.max = String(length);
-      seek.value = String(playback.shown);
-      this.showPlace(playback.shown);
-    }
+    const { seek } = this.parts.elements;
+    const length = String(roll.steps * roll.controlTimestep);
+    if (seek.max !== length) seek.max = length;
+    if (!seek.matches(":active")) this.showPlace(playback.shown);
     this.frames++;
   }
 
   /** Show a place of the progress bar, s, which may be dragged there. */
   showPlace(time: number): void {
-    const { seek } = this.parts.elements;
+    const { seek, clock: output } = this.parts.elements;
     const text = `${clock(time)} of ${clock(Number(seek.max))}`;
+    output.value = text.replace(" of ", " / ");
+    seek.value = String(time);
     if (seek.getAttribute("aria-valuetext") !== text) seek.setAttribute("aria-valuetext", text);
     seek.style.setProperty("--played", `${(100 * time) / Math.max(Number(seek.max), 1e-9)}%`);
   }

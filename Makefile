@@ -37,7 +37,7 @@ REPLAY := sb3_piano/viewing/report/templates/replay.js
 
 replay: $(REPLAY)
 
-$(REPLAY): web/node_modules $(wildcard web/src/*.ts web/src/replay/*.ts web/src/view/*.ts web/src/page/playback.ts)
+$(REPLAY): web/node_modules $(wildcard web/src/*.ts web/src/music/*.ts web/src/replay/*.ts web/src/view/*.ts web/src/page/playback.ts)
 	cd web && npm run replay
 
 # The documentation in site/, with the page in the browser and notebooks that are executed; `mkdocs

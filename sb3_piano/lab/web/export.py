@@ -248,7 +248,7 @@ def _write_piece(
 
 def _write_own(path: Path, take: Take, taken: set[str]) -> dict[str, Any]:
     """Write a take as a piece of its own, and return its entry; its name joins ``taken``."""
-    base = _safe(f"{take.title}-{Path(take.player).name}")
+    base = _safe(f"{take.title}-{_named_player(take.player)}")
     names = itertools.chain([base], (f"{base}-{i}" for i in itertools.count(2)))
     name = next(name for name in names if name not in taken)
     taken.add(name)

@@ -135,7 +135,7 @@ def test_the_recording_of_a_piece_is_its_best_take_and_others_come_first(exporte
     other.write(tmp_path / "other.npz")
     pieces = json.loads(export_web(folder, [SHORT], takes=[tmp_path]).read_text())["pieces"]
     assert [(one["id"], one["recorder"]) for one in pieces] == [
-        ("another-sight-reader", "Sight-reader"),
+        ("another-Sight-reader", "Sight-reader"),
         ("A_broken_chord", "best"),
     ]
     assert "score" not in pieces[0]

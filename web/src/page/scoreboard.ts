@@ -86,7 +86,7 @@ function addRow(body: HTMLTableSectionElement, id: PlayerId, onChoice: () => voi
   const label = document.createElement("label");
   const text = document.createElement("span");
   const about = Object.assign(document.createElement("small"), { textContent: PLAYERS[id].about });
-  const inPython = Object.assign(document.createElement("small"), { textContent: "Measured in Python" });
+  const inPython = Object.assign(document.createElement("small"), { textContent: "In Python" });
   text.append(PLAYERS[id].name, about, inPython);
   label.append(radio, text);
   head.append(label);

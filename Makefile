@@ -20,12 +20,13 @@ demo: $(INSTALLED)
 	$(BIN)/python examples/demo.py
 
 # The page in the browser: web/dist/index.html with files beside it, and web/dist/piano.html alone.
+# SITE_ADDRESS, if it is set, is that of the site whose play/ the page will be: links then show a picture.
 web: web/assets/catalogue.json web/node_modules replay
-	cd web && npm run check && npm run build
+	cd web && npm run check && PAGE_ADDRESS=$(if $(SITE_ADDRESS),$(SITE_ADDRESS)play/) npm run build
 
 # Pieces are played, which takes some minutes, only when something in the package has changed.
-web/assets/catalogue.json: $(INSTALLED) $(shell find sb3_piano -type f ! -name '*.pyc' ! -name replay.js)
-	$(BIN)/sb3-piano export web web/assets
+web/assets/catalogue.json: $(INSTALLED) $(wildcard web/recordings/*) $(shell find sb3_piano -type f ! -name '*.pyc' ! -name replay.js)
+	$(BIN)/sb3-piano export web web/assets --take web/recordings
 
 web/node_modules: web/package-lock.json
 	cd web && npm ci
@@ -37,7 +38,7 @@ REPLAY := sb3_piano/viewing/report/templates/replay.js
 
 replay: $(REPLAY)
 
-$(REPLAY): web/node_modules $(wildcard web/src/*.ts web/src/replay/*.ts web/src/view/*.ts web/src/page/playback.ts)
+$(REPLAY): web/node_modules $(wildcard web/src/*.ts web/src/music/*.ts web/src/replay/*.ts web/src/view/*.ts web/src/page/playback.ts)
 	cd web && npm run replay
 
 wheel: $(INSTALLED) replay

@@ -1,7 +1,8 @@
 // Bundle the page: dist/index.html with its files beside it, and dist/piano.html with everything in it.
 //
-//   node build.mjs [--assets FOLDER] [--out FOLDER]
+//   node build.mjs [--assets FOLDER] [--out FOLDER] [--address URL]
 //
+// The address is that of the folder in which index.html will lie: links to it then show a picture, which needs it whole.
 // The assets are those of `sb3-piano export web FOLDER`; MuJoCo and the samples come from their packages.
 import { build } from "esbuild";
 import { cp, mkdir, readFile, readdir, rm, writeFile } from "node:fs/promises";
@@ -20,6 +21,7 @@ const { values } = parseArgs({
   options: {
     assets: { type: "string", default: join(ROOT, "assets") },
     out: { type: "string", default: join(ROOT, "dist") },
+    address: { type: "string", default: process.env.PAGE_ADDRESS ?? "" },
   },
 });
 
@@ -84,7 +86,16 @@ function report(label, parts) {
   console.log(`${label.padEnd(28)} ${a} MB ${b} MB gzip`);
 }
 
-const [html, style, script, assets, mujoco, sounds] = await Promise.all([
+/** Return the page with its address in what links to it show. */
+function addressed(html, address) {
+  if (address === "") return html;
+  const base = address.replace(/\/?$/, "/");
+  const picture = '<meta property="og:image" content="preview.jpg" />';
+  const whole = picture.replace("preview.jpg", `${base}preview.jpg`);
+  return replaceOnce(html, picture, `${whole}\n    <meta property="og:url" content="${base}" />`);
+}
+
+const [source, style, script, assets, mujoco, sounds] = await Promise.all([
   readFile(join(ROOT, "index.html"), "utf-8"),
   readFile(join(ROOT, "style.css"), "utf-8"),
   bundle("src/page/main.ts"),
@@ -92,13 +103,15 @@ const [html, style, script, assets, mujoco, sounds] = await Promise.all([
   readFile(join(PACKAGES, "@mujoco/mujoco/mujoco.wasm")),
   samples(),
 ]);
+const html = addressed(source, values.address);
 const files = new Map([...assets, ["mujoco.wasm", mujoco], ...sounds]);
 const single = onePage(html, style, script, files);
 
 await rm(join(values.out, "assets"), { recursive: true, force: true });
 for (const folder of ["pieces", "samples"]) await mkdir(join(values.out, "assets", folder), { recursive: true });
 await Promise.all([
-  cp(join(ROOT, "index.html"), join(values.out, "index.html")),
+  writeFile(join(values.out, "index.html"), html),
+  cp(join(ROOT, "preview.jpg"), join(values.out, "preview.jpg")),
   cp(join(ROOT, "style.css"), join(values.out, "style.css")),
   writeFile(join(values.out, "page.js"), script),
   writeFile(join(values.out, "piano.html"), single),

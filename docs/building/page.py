@@ -10,8 +10,8 @@ from mkdocs.config.defaults import MkDocsConfig
 
 BUILT = Path(__file__).parents[2] / "web" / "dist"
 FOLDER = "play"
-SINGLE_FILE = "piano.html"
-"""The page as one file, for downloading."""
+_SINGLE_FILE = "piano.html"
+"""The page once more, in one file of twice the size: for disks, not for sites."""
 
 _MARK = re.compile(r"^<!-- play -->$", re.M)
 _FRAME = (
@@ -32,4 +32,5 @@ def on_page_markdown(markdown: str, **named: object) -> str:
 def on_post_build(config: MkDocsConfig) -> None:
     """Copy the page."""
     if (BUILT / "index.html").is_file():
-        shutil.copytree(BUILT, Path(config.site_dir, FOLDER), dirs_exist_ok=True)
+        without = shutil.ignore_patterns(_SINGLE_FILE)
+        shutil.copytree(BUILT, Path(config.site_dir, FOLDER), ignore=without, dirs_exist_ok=True)

@@ -88,7 +88,7 @@ def settings_of_plan(path: str | os.PathLike[str]) -> PlanSettings:
         ConfigError: If the file cannot be read.
     """
     try:
-        header = read_arrays(path, ["header"], _MOST_OF_HEADER)["header"]
+        header = read_arrays(path, ["header"])["header"]
         return PlanSettings(**json.loads(header.tobytes())["settings"])
     except Exception as error:  # a damaged file fails in any way
         raise ConfigError(f"'{path}' cannot be read ({one_line(error)}): {_EXPECTED}.") from error

@@ -12,6 +12,7 @@ from short_scores import score_of
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PlanSettings, Refinement, load_plan, plan, save_plan
+from sb3_piano.planning.plan_file import settings_of_plan
 from sb3_piano.planning.roll_outs import Way
 from sb3_piano.planning.splicing import spliced
 from sb3_piano.players.planned import PlannedPianist
@@ -220,6 +221,12 @@ def test_a_file_that_does_not_name_the_joints_of_forearms_has_the_default_ones(f
     np.testing.assert_array_equal(
         kept.commands, load_plan(file, env.goal.fingered_roll, env.scene).commands
     )
+
+
+def test_settings_are_read_from_a_plan_of_any_length(tmp_path):
+    header = np.frombuffer(json.dumps({"settings": {"hover": 0.02}}).encode(), dtype=np.uint8)
+    np.savez(tmp_path / "plan.npz", header=header, commands=np.zeros(200_000))
+    assert settings_of_plan(tmp_path / "plan.npz") == PlanSettings(hover=0.02)
 
 
 def test_what_is_no_plan_is_refused(tmp_path, env):

@@ -1,6 +1,7 @@
 """Exported runs: what is in them, loading without pickles, folders that try to run code."""
 
 import contextlib
+import json
 import pickle
 import resource
 import sys
@@ -14,7 +15,9 @@ from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.imports import import_name, known_packages_only
+from sb3_piano.lab.web import export_web
 from sb3_piano.training import evaluate, export_run, load_player
+from sb3_piano.viewing.take import Take
 
 tables = Tables(__file__)
 
@@ -137,3 +140,15 @@ def test_no_wrapper_that_writes_files_may_be_named_and_others_are_let_through_af
     with known_packages_only(), pytest.raises(ConfigError, match="refused"):
         import_name("json.dumps")
     assert import_name("json.dumps")
+
+
+@pytest.mark.slow
+def test_a_run_is_on_the_page_with_what_it_plays(piano_run, tmp_path):
+    run = piano_run(-0.2)
+    pieces = ["debug-TwinkleTwinkleLittleStar"]
+    catalogue = json.loads(export_web(tmp_path / "page", pieces, runs=[run.path]).read_text())
+    own, piece = catalogue["pieces"]
+    assert (own["recorder"], own["id"], piece["id"]) == ("run", f"{own['title']}-run", *pieces)
+    take = Take.read(tmp_path / "page" / own["recording"])
+    assert own["expected"]["recorded"]["f1"] == take.f1
+    assert evaluate(run.path).episodes[0]["f1"] == take.f1

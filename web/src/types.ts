@@ -86,6 +86,8 @@ export interface Metrics {
   readonly precision: number;
   readonly recall: number;
   readonly onset_f1: number;
+  /** Share of the notes whose key is struck within 50 ms of their onset. */
+  readonly onset_recall: number;
 }
 
 /** Moving parts of the scene, for who draws, hears or pulls them; arrays are fresh views after each control step. */
@@ -144,11 +146,13 @@ export interface CataloguePiece {
   readonly title: string;
   readonly composer: string;
   /** A MIDI file among the assets, with what Python's fingering found as a JSON `Score` beside it. */
-  readonly midi: string;
-  readonly score: string;
-  /** Files of a plan and of a recorded performance among the assets, if there are any. */
+  readonly midi?: string;
+  readonly score?: string;
+  /** Files of a plan and of a take among the assets, if there are any. Without a score, the piece is the take's. */
   readonly plan?: string;
   readonly recording?: string;
-  /** F1 and onset F1 that Python measured, by player. */
-  readonly expected: Readonly<Partial<Record<PlayerId, { f1: number; onset_f1: number }>>>;
+  /** Who plays on the recording. */
+  readonly recorder?: string;
+  /** What Python measured, by player. */
+  readonly expected: Readonly<Partial<Record<PlayerId, Pick<Metrics, "f1" | "onset_f1" | "onset_recall">>>>;
 }

@@ -9,15 +9,20 @@ from sb3_piano.cli.common import EXIT_OK, TRUST, command, progress_bar, refuse_o
 from sb3_piano.cli.export import RUN_OPTIONS, add_run_arguments, export_run_folder
 
 _WEB = "web"
-_WEB_OPTIONS = ("pieces", "tree")
+_WEB_OPTIONS = ("pieces", "tree", "take", "run")
 _PIECES_HELP = (
     "pieces to play: names, files, patterns, collections or lists; default: the repertoire, a "
     "scale and an exercise"
 )
 _TREE_HELP = (
-    "tree search for the recorded sight-reader: N simulations of up to D control steps, such as "
-    "64x8; takes some minutes per piece"
+    "also record the sight-reader with a tree search: N simulations of up to D control steps, such "
+    "as 64x8; takes some minutes per piece"
 )
+_TAKE_HELP = (
+    "takes (performance.npz, or folders of such files): those of the pieces are played as their "
+    "recordings if they are the best, others are added"
+)
+_RUN_HELP = "add the recording of a run, which plays its own piece; may be repeated"
 
 
 def add_arguments(parser: Any) -> None:
@@ -28,6 +33,8 @@ def add_arguments(parser: Any) -> None:
     add_run_arguments(add)
     add("--pieces", "PIECE", f"of web: {_PIECES_HELP}", nargs="+")
     add("--tree", text=f"of web: {_TREE_HELP}")
+    add("--take", "FILE|DIR", f"of web: {_TAKE_HELP}", nargs="+")
+    add("--run", "RUN", f"of web: {_RUN_HELP}", action="append")
     add("--no-progress")
 
 
@@ -49,6 +56,8 @@ def _export_web(arguments: argparse.Namespace) -> int:
             arguments.folder,
             arguments.pieces or DEFAULT_PIECES,
             tree=tree,
+            takes=arguments.take or (),
+            runs=arguments.run or (),
             progress=lambda piece, done, total: tell(
                 description=piece or "done", completed=done, total=total
             ),

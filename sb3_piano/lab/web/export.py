@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -11,21 +12,24 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import sb3_piano
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.files import write_bytes, write_json, write_text
 from sb3_piano.lab.web.performances import (
-    WebPerformance,
     follow_plan,
     plan_file,
-    recording_file,
+    read_takes,
     sight_read,
+    take_of_run,
+    write_small,
 )
 from sb3_piano.lab.web.reading_facts import reading_facts
 from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
 from sb3_piano.links import keep_inside, make_folder
-from sb3_piano.music import Score, find_piece, load_score, write_midi
+from sb3_piano.music import PianoRoll, Score, find_piece, load_score, write_midi
 from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.selection import select_pieces
@@ -35,6 +39,7 @@ from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.training.playing.player import PLANNED_IN
 from sb3_piano.viewing.stage_files import stage_files
+from sb3_piano.viewing.take import SUFFIX, Take
 
 DEFAULT_PIECES = ("repertoire", "scale-CMajor", "hanon-01")
 """Entries of :func:`~sb3_piano.music.selection.select_pieces` exported by default."""
@@ -43,6 +48,9 @@ CATALOGUE = "catalogue.json"
 """Name of the file that lists the pieces; it is written last."""
 
 _PIECES = "pieces"
+_FIRST = "repertoire"
+"""Collection whose pieces stand before the others, which are exercises."""
+_METRICS = ("f1", "onset_f1", "onset_recall")
 
 Progress = Callable[[str, int, int], object]
 """Called with the current piece, the number of finished performances and their total."""
@@ -53,42 +61,61 @@ def export_web(
     pieces: Sequence[ScoreSource] | str = DEFAULT_PIECES,
     *,
     tree: TreeSettings | None = None,
+    takes: Sequence[str | os.PathLike[str]] = (),
+    runs: Sequence[str | os.PathLike[str]] = (),
     progress: Progress = lambda piece, done, total: None,
 ) -> Path:
     """Write the web page's files: scene, stage, network and pieces with performances.
 
     Existing files are replaced. ``catalogue.json`` lists the pieces' files and is written last, so
-    an interrupted export has none.
+    an interrupted export has none. The recording of a piece is the best performance of it by onset
+    F1. The runs and further takes come first in the catalogue, then the pieces in the order of the
+    sight-reader's onset F1, exercises last.
 
     Args:
         folder: Output folder; created if missing.
         pieces: Entries of :func:`~sb3_piano.music.selection.select_pieces`.
-        tree: Settings of a tree search for the sight-reader's recorded performances.
+        tree: Settings of a tree search, as a further candidate for the recordings.
+        takes: Files of takes, or folders of them. Those of one of the pieces are candidates for its
+            recording; each of the others is a piece of its own.
+        runs: Folders of runs, each of which plays its own piece once, for a recording.
         progress: Called before each performance, and at the end.
 
     Returns:
         The path of ``catalogue.json``.
 
     Raises:
-        ConfigError: If the folder cannot be written, or no piece matches an entry.
+        ConfigError: If the folder cannot be written, no piece matches an entry, or the page cannot
+            show a take.
+        RunError: If a run cannot play.
         ScoreError: If a piece cannot be read or played.
         UnknownPieceError: If there is no such piece.
     """
     sources = _named(select_pieces(pieces))
+    given = read_takes(takes)
     path = _made(Path(folder))
     _write_scene(path, _scene())
-    total = 2 * len(sources)
+    total = 2 * len(sources) + len(runs)
     listed: list[dict[str, Any]] = []
     for name, source in sources.items():
         score = load_score(source)
         with _naming(name):
             progress(name, 2 * len(listed), total)
-            planned, plan = follow_plan(score)
+            planned, plan, fingered = follow_plan(score)
             progress(name, 2 * len(listed) + 1, total)
             read = sight_read(score)
-            recorded = read if tree is None else sight_read(score, tree)
+            ahead = [] if tree is None else [sight_read(score, tree)]
+        own = [take for take in given if _are_equal(take.piano.roll, planned.piano.roll)]
+        given = [take for take in given if take not in own]
+        recorded = max([read, planned, *ahead, *own], key=lambda take: take.onset_f1)
         performances = {"planned": planned, SIGHT_READER: read, "recorded": recorded}
-        listed.append(_write_piece(path, name, source, score, plan, performances))
+        listed.append(_write_piece(path, name, source, score, fingered, plan, performances))
+    listed.sort(key=_place)
+    for done, run in enumerate(runs, start=2 * len(listed)):
+        progress(os.fspath(run), done, total)
+        given.append(take_of_run(run))
+    taken = {entry["id"] for entry in listed}
+    listed[:0] = [_write_own(path, take, taken) for take in given]
     progress("", total, total)
     write_json(path / CATALOGUE, {"version": sb3_piano.__version__, "pieces": listed})
     return path / CATALOGUE
@@ -155,6 +182,11 @@ def _name(source: ScoreSource) -> str:
         name = source
     else:
         name = Path(source).stem
+    return _safe(name)
+
+
+def _safe(name: str) -> str:
+    """Return a name for files and links."""
     return re.sub(r"[^\w-]+", "_", name).strip("_") or "piece"
 
 
@@ -186,32 +218,73 @@ def _write_piece(
     name: str,
     source: ScoreSource,
     score: Score,
+    fingered: Score,
     plan: Plan,
-    performances: dict[str, WebPerformance],
+    performances: dict[str, Take],
 ) -> dict[str, Any]:
     """Write the files of a piece, and return its entry in the catalogue."""
     files = {
         "midi": f"{_PIECES}/{name}.mid",
         "score": f"{_PIECES}/{name}.json",
         "plan": f"{_PIECES}/{name}.plan.safetensors",
-        "recording": f"{_PIECES}/{name}.recording.safetensors",
+        "recording": f"{_PIECES}/{name}{SUFFIX}",
     }
     write_midi(score, path / files["midi"])
-    _write_table(path / files["score"], score_table(performances["planned"].score))
+    _write_table(path / files["score"], score_table(fingered))
     write_bytes(path / files["plan"], plan_file(plan))
-    write_bytes(path / files["recording"], recording_file(performances["recorded"]))
+    write_small(performances["recorded"], path / files["recording"])
     known = isinstance(source, str) and not is_path(source)
     piece = find_piece(str(source)) if known else None
     return {
         "id": name,
         "title": score.title if piece is None else piece.title,
         "composer": "" if piece is None else piece.composer,
+        "collection": "" if piece is None else piece.collection,
         **files,
-        "expected": {
-            player: {metric: performance.metrics[metric] for metric in ("f1", "onset_f1")}
-            for player, performance in performances.items()
-        },
+        "recorder": _named_player(performances["recorded"].player),
+        "expected": {player: _measured(take) for player, take in performances.items()},
     }
+
+
+def _write_own(path: Path, take: Take, taken: set[str]) -> dict[str, Any]:
+    """Write a take as a piece of its own, and return its entry; its name joins ``taken``."""
+    base = _safe(f"{take.title}-{_named_player(take.player)}")
+    names = itertools.chain([base], (f"{base}-{i}" for i in itertools.count(2)))
+    name = next(name for name in names if name not in taken)
+    taken.add(name)
+    file = f"{_PIECES}/{name}{SUFFIX}"
+    write_small(take, path / file)
+    return {
+        "id": name,
+        "title": take.title,
+        "composer": _named_player(take.player),
+        "recording": file,
+        "recorder": _named_player(take.player),
+        "expected": {"recorded": _measured(take)},
+    }
+
+
+def _named_player(player: str) -> str:
+    """Return a player in words: a spec without the folders of its files."""
+    if "plan=" in player:
+        return "Plan, refined in simulation"
+    if player.startswith("tree:"):
+        return f"{_named_player(player.split(':', 2)[2])}, looking ahead"
+    return {"planned": "Planned hands", SIGHT_READER: "Sight-reader"}.get(player, Path(player).name)
+
+
+def _measured(take: Take) -> dict[str, float]:
+    return {metric: take.metrics[metric] for metric in _METRICS}
+
+
+def _place(entry: dict[str, Any]) -> tuple[bool, float]:
+    """Return the key of a piece's place in the catalogue: the better it sounds, the earlier."""
+    is_exercise = entry["collection"] not in ("", _FIRST)
+    return is_exercise, -entry["expected"][SIGHT_READER]["onset_f1"]
+
+
+def _are_equal(one: PianoRoll, other: PianoRoll) -> bool:
+    return np.array_equal(one.active, other.active) and np.array_equal(one.onset, other.onset)
 
 
 def _write_table(path: Path, table: dict[str, Any]) -> None:

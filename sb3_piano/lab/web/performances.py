@@ -1,48 +1,42 @@
-"""Performances and plans of a piece as arrays for the web page."""
+"""Takes and plans of a piece as files for the web page."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import safetensors.numpy
 
-from sb3_piano.envs import PianoEnv
+from sb3_piano.envs import PianoEnv, PianoEnvConfig
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score
 from sb3_piano.planning import Plan, PlanSettings, Tracker
 from sb3_piano.planning.hand_plan import HandPlan
-from sb3_piano.players import Player, PlayerSpec, TreeSettings, rollout
+from sb3_piano.players import PlayerSpec, TreeSettings, rollout
 from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.players.planned import Trackers, action_of
-from sb3_piano.training.playing.player import PLANNED_IN
+from sb3_piano.training.playing.player import PLANNED_IN, OpenPlayer
+from sb3_piano.training.playing.takes import FILE_NAME, take_of
+from sb3_piano.viewing.take import SUFFIX, Motion, Take
 
 # Gains make up most of a plan; rounded to 1/254 of the largest they take a quarter of the space.
 _GAIN_STEPS = 127
 
-# A difference of one bit may grow to a centimetre within two seconds of a piece with many contacts.
-_STATE_EVERY = 10
+# Numbers of a take's motion are rounded to multiples of 1/8192, 0.1 mm or 0.1 mrad: it is read from
+# the file, not simulated, and takes a third of the space.
+_MOTION_STEPS = 2**13
+
+_HAND, _FOREARM = "shadow", ("forearm_tx", "forearm_ty")
+"""What the page shows."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class WebPerformance:
-    """A player's performance of a piece."""
-
-    score: Score
-    """The piece, with the fingers that play it."""
-    actions: npt.NDArray[np.float32]
-    """(T, nu) actions of T control steps, in [-1, 1], without the pedal."""
-    states: npt.NDArray[np.float32]
-    """(T / 10, nq + nv) joint positions and velocities before each tenth step, the first included;
-    rad and rad/s, m and m/s."""
-    metrics: Mapping[str, float]
-    """The music metrics, by their names in ``info``."""
-
-
-def sight_read(score: Score, tree: TreeSettings | None = None) -> WebPerformance:
+def sight_read(score: Score, tree: TreeSettings | None = None) -> Take:
     """Play a piece with the sight-reader in the page's environment.
 
     Args:
@@ -54,11 +48,11 @@ def sight_read(score: Score, tree: TreeSettings | None = None) -> WebPerformance
     """
     spec = PlayerSpec(name=SIGHT_READER, tree=tree)
     with contextlib.closing(PianoEnv(score, **PLANNED_IN)) as env:
-        return _performance(spec.make(env), env)
+        return replace(next(rollout(spec.make(env), env)), player=str(spec))
 
 
-def follow_plan(score: Score) -> tuple[WebPerformance, Plan]:
-    """Play a piece by its plan; return the performance and the plan, rounded as in its file.
+def follow_plan(score: Score) -> tuple[Take, Plan, Score]:
+    """Play a piece by its plan; return the take, the plan rounded as in its file, and the fingers.
 
     The plan is followed as on the page, by its feedback alone.
 
@@ -69,7 +63,8 @@ def follow_plan(score: Score) -> tuple[WebPerformance, Plan]:
         env.reset(seed=0)
         settings = PlanSettings()
         plan = rounded(Trackers(settings).of(env).plan)
-        return _performance(_Follower(env, Tracker(plan, env.scene, settings.feedback)), env), plan
+        follower = _Follower(env, Tracker(plan, env.scene, settings.feedback))
+        return replace(next(rollout(follower, env)), player="planned"), plan, env.score
 
 
 @dataclass(frozen=True)
@@ -111,28 +106,68 @@ def plan_file(plan: Plan) -> bytes:
     return safetensors.numpy.save(tensors, {"feedback": str(PlanSettings().feedback)})
 
 
-def recording_file(performance: WebPerformance) -> bytes:
-    """Return a performance as a safetensors file: its ``actions`` and ``states``."""
-    tensors = {"actions": performance.actions, "states": performance.states}
-    return safetensors.numpy.save(tensors, {"state_every": str(_STATE_EVERY)})
+def take_of_run(run: str | os.PathLike[str]) -> Take:
+    """Let a run play once; return the take.
+
+    Raises:
+        ConfigError: If the page cannot show its hands, or ``run`` is no folder.
+        RunError: If there is no run, or its environment is no piano.
+    """
+    with OpenPlayer.open(str(run)) as player:
+        return _shown(take_of(player), f"Run '{run}'")
 
 
-def _performance(player: Player, piano: PianoEnv) -> WebPerformance:
-    states = []
+def read_takes(paths: Sequence[str | os.PathLike[str]]) -> list[Take]:
+    """Read takes for the page from files and folders: of ``play``, or with nothing but takes.
 
-    def note_state(_: object = None) -> None:
-        if piano.steps_played % _STATE_EVERY == 0 and piano.steps_played < len(piano.roll):
-            states.append(np.concatenate([piano.data.qpos, piano.data.qvel]))
+    Raises:
+        ConfigError: If a file is no take, the page cannot show its hands, or a folder has none.
+    """
+    takes = []
+    for path in map(Path, paths):
+        played = path / f"{FILE_NAME}{SUFFIX}"
+        files = sorted(path.glob(f"*{SUFFIX}")) if path.is_dir() else [path]
+        files = [played] if played.is_file() else files
+        if not files:
+            raise ConfigError(f"'{path}' has no take: expected files such as {FILE_NAME}{SUFFIX}.")
+        takes += [_shown(Take.read(file), f"'{file}'") for file in files]
+    return takes
 
-    played = rollout(player, piano, on_step=note_state)
-    note_state()
-    recording = next(played)
-    assert recording.motion is not None, "a piano's episode has a motion"
-    return WebPerformance(
-        score=piano.score,
-        actions=recording.motion.actions[:, :-1].copy(),
-        states=np.array(states, dtype=np.float32),
-        metrics=recording.metrics,
+
+def write_small(take: Take, path: Path) -> None:
+    """Write a take whose motion is rounded to 0.1 mm and 0.1 mrad."""
+    motion = take.motion
+    assert motion is not None, "a piano's take has a motion"
+    small = Motion(
+        hand_qpos=motion.hand_qpos,
+        **{name: _few_digits(getattr(motion, name)) for name in ("actions", "qpos", "fingertips")},
+    )
+    replace(take, motion=small).write(path)
+
+
+def _few_digits(array: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    rounded: npt.NDArray[np.float32] = (np.rint(array * _MOTION_STEPS) / _MOTION_STEPS).astype("f4")
+    return rounded
+
+
+def _shown(take: Take, name: str) -> Take:
+    """Return a take if the page can show it.
+
+    Raises:
+        ConfigError: If it has other hands or other control steps.
+    """
+    options, step = take.scene_options, take.piano.roll.control_timestep
+    if options["hand"] != _HAND or tuple(options["forearm_dofs"]) != _FOREARM:
+        problem = (
+            f"its hand is {options['hand']!r}, with the forearm's joints {options['forearm_dofs']}"
+        )
+    elif step != PianoEnvConfig.control_timestep:
+        problem = f"its control steps last {step} s"
+    else:
+        return take
+    raise ConfigError(
+        f"{name} cannot be shown on the page: {problem}. Expected {_HAND!r}, {_FOREARM} and "
+        f"{PianoEnvConfig.control_timestep} s."
     )
 
 

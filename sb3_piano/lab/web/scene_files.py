@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 
 from sb3_piano.envs.actions import hand_action_unit
-from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.simulation.compiling import attach_parts, scene_parts
 from sb3_piano.simulation.exact_xml import exact_xml
 
@@ -47,6 +48,7 @@ def scene_facts(scene: PianoScene, n_substeps: int) -> dict[str, Any]:
         "ctrlHigh": scene.ctrl_high.tolist(),
         "handActionUnit": hand_action_unit(scene).tolist(),
         "handQpos": scene.hand_qpos.tolist(),
+        "reducedHandQpos": _reduced_hand_qpos(scene),
         "actuatorOfJoint": _nonzero(scene.actuator_of_joint),
         "hands": [
             {"qpos": qpos.tolist(), "dof": model.jnt_dofadr[joints].tolist()}
@@ -58,6 +60,13 @@ def scene_facts(scene: PianoScene, n_substeps: int) -> dict[str, Any]:
 
 
 _COUNTS = ("nq", "nv", "nu", "nbody", "ngeom")
+
+
+def _reduced_hand_qpos(scene: PianoScene) -> list[int]:
+    """Return the addresses of the hands' joints that a scene with reduced actions has, too."""
+    reduced = compile_scene(**{**scene.options, "reduced_action_space": True})
+    names = itertools.chain(*reduced.joint_names)
+    return [int(scene.model.joint(name).qposadr[0]) for name in names]
 
 
 def _nonzero(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> list[list[list[float]]]:

@@ -13,7 +13,7 @@ from sb3_piano.lab.web import export_web
 WEB = Path(__file__).parents[3] / "web"
 
 BROKEN_CHORD, MELODY = "arpeggio-CMajor", "debug-TwinkleTwinkleLittleStar"
-"""Short pieces that the page of the tests has, the first of them by default."""
+"""Short pieces that the page of the tests has; the melody is better played, and so the first."""
 
 PARITY_PIECES = [
     *("repertoire-FantaisieImpromptu", "repertoire-MapleLeafRag", "repertoire-ClairDeLune"),

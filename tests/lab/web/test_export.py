@@ -3,6 +3,7 @@
 import json
 import re
 import warnings
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -26,6 +27,7 @@ from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.player import PLANNED_IN
 from sb3_piano.viewing.stage import staged
 from sb3_piano.viewing.stage_files import stage_files
+from sb3_piano.viewing.take import Take
 
 SHORT = score_of(
     *((0.4 * i, 0.4 * i + 0.3, pitch) for i, pitch in enumerate([60, 64, 67, 72])),
@@ -116,21 +118,36 @@ def test_an_export_has_all_that_its_catalogue_names(exported):
 
 
 @pytest.mark.slow
-def test_a_recording_played_again_is_the_same_performance(exported):
+def test_the_recording_of_a_piece_is_its_best_take_and_others_come_first(exported, tmp_path):
     folder, catalogue, _ = exported
     (piece,) = catalogue["pieces"]
-    recording = safetensors.numpy.load_file(folder / piece["recording"])
-    env = PianoEnv(SHORT, **PLANNED_IN)
-    env.reset(seed=0)
-    assert recording["actions"].shape == (len(env.roll), env.model.nu)
-    info = {}
-    for step, action in enumerate(recording["actions"]):
-        if step % 10 == 0:
-            state = np.concatenate([env.data.qpos, env.data.qvel])
-            np.testing.assert_allclose(recording["states"][step // 10], state, rtol=1e-6, atol=1e-6)
-        *_, info = env.step(np.append(action, -1))
-    for name, expected in piece["expected"]["recorded"].items():
-        assert info[name] == pytest.approx(expected, abs=1e-6)
+    own = Take.read(folder / piece["recording"])
+    assert (own.player, piece["recorder"]) in (
+        ("planned", "Planned hands"),
+        ("sight-reader", "Sight-reader"),
+    )
+    onset_f1 = {player: one["onset_f1"] for player, one in piece["expected"].items()}
+    assert onset_f1["recorded"] == max(onset_f1.values())
+    better = replace(own, player="best", metrics={**own.metrics, "onset_f1": 1.5})
+    better.write(tmp_path / "best.npz")
+    replace(own, player="worse", metrics={**own.metrics, "onset_f1": 0.0}).write(tmp_path / "w.npz")
+    other = sight_read(score_of((0, 0.4, 60), title="another"))
+    other.write(tmp_path / "other.npz")
+    pieces = json.loads(export_web(folder, [SHORT], takes=[tmp_path]).read_text())["pieces"]
+    assert [(one["id"], one["recorder"]) for one in pieces] == [
+        ("another-Sight-reader", "Sight-reader"),
+        ("A_broken_chord", "best"),
+    ]
+    assert "score" not in pieces[0]
+    found, played = Take.read(folder / pieces[0]["recording"]), other.motion
+    np.testing.assert_allclose(found.qpos, played.qpos, atol=1e-4)
+    assert found.score == other.score
+    slow = replace(other.piano, roll=replace(other.piano.roll, control_timestep=0.1))
+    replace(other, performance=slow).write(tmp_path / "w.npz")
+    with pytest.raises(
+        ConfigError, match=r"w.npz' cannot be shown .*: its control steps last 0.1 s"
+    ):
+        export_web(folder, [SHORT], takes=[tmp_path / "w.npz"])
 
 
 @pytest.mark.slow
@@ -189,10 +206,9 @@ def test_no_exported_piece_is_called_like_a_visitors_own_file():
 
 @pytest.mark.slow
 def test_a_player_that_looks_ahead_is_recorded_apart():
-    alone = sight_read(SHORT)
-    ahead = sight_read(SHORT, TreeSettings.parse("12x4"))
-    assert alone.actions.shape == ahead.actions.shape
-    assert not np.array_equal(alone.actions, ahead.actions)
+    alone, ahead = sight_read(SHORT), sight_read(SHORT, TreeSettings.parse("12x4"))
+    assert ahead.player == "tree:12x4:sight-reader"
+    assert not np.array_equal(alone.motion.actions, ahead.motion.actions)
 
 
 def test_a_warning_of_what_cannot_be_played_names_the_piece():

@@ -17,16 +17,18 @@ from node_programs import RefusedInputError
 from page_parts import PARITY_PIECES as PIECES
 from random_scores import FINGERS, HANDS, scores
 from short_scores import note_of, score_of
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.lab.music import generate_score
 from sb3_piano.lab.web.export import score_table
-from sb3_piano.metrics import Onsets, frame_scores, onset_f1
+from sb3_piano.metrics import Onsets, frame_scores, onset_scores
 from sb3_piano.music import PianoRoll, Score, load_score, write_midi
 from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.music.fingering import apply_fingering, finger_score, without_fingers
 from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, MAX_INTERVAL, cost_tables
 from sb3_piano.music.fingering.robot import release_early
+from sb3_piano.music.formats import write_musicxml
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.presses import Press, presses_of_hand
@@ -41,6 +43,7 @@ RIGHT_VALUES, TRACKS = (
     for name in ("cases/midi.yml", "tables/track_hands.yml")
 )
 NAMES = [name for name, _ in TRACKS["a_name_tells_the_hand_or_nothing"]]
+RARE_MUSICXML = Tables(__file__)["rare_musicxml"]
 LEFT_OUT = "The file also has \\1: left out."
 
 random_scores = settings(
@@ -160,6 +163,39 @@ class TestMidi:
             assert found == expected
             outcomes.add((found is None, expected is None))
         assert outcomes == {(True, True), (False, False)}
+
+
+class TestMusicXml:
+    @pytest.mark.parametrize(
+        "path",
+        [p for p in sorted(CASES.glob("*.m*x*l")) if p.name not in RARE_MUSICXML],
+        ids=lambda path: path.stem,
+    )
+    def test_files_as_programs_write_them_are_read_as_by_python(self, music, path):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            expected = score_table(load_score(path))
+        assert_equal_notes(music("musicxml", name=path.name, bytes=encoded(path)), expected)
+
+    @pytest.mark.parametrize("suffix", [".musicxml", ".mxl"])
+    @pytest.mark.parametrize("name", PIECES[:3])
+    def test_a_piece_that_python_writes_is_read_as_by_python(self, music, name, suffix, tmp_path):
+        path = tmp_path / f"piece{suffix}"
+        write_musicxml(load_score(name), path)
+        found = music("musicxml", name=path.name, bytes=encoded(path))
+        assert_equal_notes(found, score_table(load_score(path)))
+        assert (found["title"], found["warnings"]) == (load_score(name).title, [])
+
+    def test_jumps_are_told_and_what_is_no_music_is_refused(self, music):
+        path = CASES / "barline_segno.musicxml"
+        found = music("musicxml", name=path.name, bytes=encoded(path))
+        assert found["warnings"] == ["Jumps (D.C., D.S.) are not followed on this page."]
+        for text in ("<html></html>", "<score-partwise><part>", "<score-partwise/>"):
+            content = base64.b64encode(text.encode()).decode()
+            with pytest.raises(
+                RefusedInputError, match="^“a.xml” (cannot be read as|has no notes)"
+            ):
+                music("musicxml", name="a.xml", bytes=content)
 
 
 class TestFingers:
@@ -353,7 +389,14 @@ def metrics(roll, sounding, strikes, steps):
         np.array([time for _, time in struck]), np.array([key for key, _ in struck], int)
     )
     due = Onsets(roll.onset_time[begun], key[begun])
-    return {**frames._asdict(), "onset_f1": onset_f1(due, played)}
+    onsets = onset_scores(due, played)
+    return {**frames._asdict(), "onset_f1": onsets.f1, "onset_recall": onsets.recall}
+
+
+def assert_equal_notes(found, expected):
+    for kind in ("notes", "pedals"):
+        for one, other in zip(found[kind], expected[kind], strict=True):
+            assert one == pytest.approx(other, abs=1e-6)
 
 
 def encoded(path):

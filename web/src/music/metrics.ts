@@ -70,6 +70,7 @@ export class EpisodeMetrics {
       precision: ratio(this.precision, this.steps),
       recall: ratio(this.recall, this.steps),
       onset_f1: ratio(2 * hits, this.strikes + due),
+      onset_recall: ratio(hits, due),
     };
   }
 }

@@ -1,9 +1,10 @@
-import { InputError, type Metrics, type PlayerId, type Session } from "../types";
+import { InputError, type KeyEvent, type Metrics, type PlayerId, type Session } from "../types";
 import { VIEWS, type View } from "../view/cameras";
 import type { RollView } from "../view/roll";
 import type { SceneView } from "../view/scene";
 import type { PianoSound } from "../view/sound";
-import { clock, describe, figures } from "./captions";
+import { clock, describe, figures, percent } from "./captions";
+import { Downloads } from "./downloads";
 import type { Elements } from "./elements";
 import { Judgement } from "./judgement";
 import { OWN_FILE, type Chosen, type Library } from "./library";
@@ -32,6 +33,8 @@ const FIGURE_STEPS = 4;
 const CAPTION_STEPS = 60;
 /** Time for which a camera that was moved swings on, s. */
 const SETTLING_TIME = 1;
+/** Time for which a place is looked for before the page answers again, ms. */
+const SEEK_TIME = 40;
 
 /** The page: one piece, one player, what is seen and heard of it, and everything that changes that. */
 export class App {
@@ -49,6 +52,14 @@ export class App {
   private chosen: Chosen | null = null;
   private judgement: Judgement | null = null;
   private readonly scoreboard: Scoreboard;
+  private readonly downloads: Downloads;
+  /** Number of the last search for a place, and whether it goes on playing there. */
+  private seeks = 0;
+  /** Number of the search that goes on, if there is one: nothing is drawn meanwhile. */
+  private seeking: number | null = null;
+  private goesOn = false;
+  /** Keys that have moved since the beginning. */
+  private events: KeyEvent[] = [];
   private drawUntil = 0;
   private changed = false;
   private loading: Promise<void> = Promise.resolve();
@@ -58,6 +69,7 @@ export class App {
 
   constructor(private readonly parts: Parts) {
     this.scoreboard = new Scoreboard(parts.elements.players, (player) => void this.choosePlayer(player));
+    this.downloads = new Downloads(parts.elements, parts.sound, () => this.events, (text) => this.say(text));
     this.fillMenu();
   }
 
@@ -72,11 +84,14 @@ export class App {
     if (link.tempo !== undefined) this.setTempo(link.tempo);
     const first = this.chosen === null ? this.parts.library.catalogue.pieces[0].id : null;
     const id = link.piece ?? first; // null: what is on, or on its way
-    const stays = id === null || (this.shown === this.asked && id === this.chosen?.piece.id);
+    const { file } = link;
+    const isOn = file ? file.packed === this.chosen?.file?.packed : id === this.chosen?.piece.id;
+    const stays = (id === null && !file) || (this.shown === this.asked && isOn);
     if (stays && (link.player ?? this.player) === this.player) return;
+    const find = () => (file ? this.parts.library.linked(file) : this.parts.library.piece(id!));
     await this.report(async () => {
       try {
-        await this.load(stays ? null : () => this.parts.library.piece(id), link.player);
+        await this.load(stays ? null : find, link.player);
       } catch (error) {
         // A link to what is not here any more: the message stays, beside the piece that would be on without it.
         if (this.chosen === null && first !== null) await this.load(() => this.parts.library.piece(first), link.player);
@@ -90,13 +105,13 @@ export class App {
     await this.report(() => this.load(() => this.parts.library.piece(id)));
   }
 
-  /** Choose a MIDI file. */
+  /** Choose a file; a take is played as it was. */
   async openFile(file: File): Promise<void> {
     const read = async (): Promise<Chosen> => {
       const bytes = new Uint8Array(await file.arrayBuffer());
       this.say(`Reading ${file.name}, finding hands and fingers …`);
       await painted();
-      return this.parts.library.midi(bytes, file.name);
+      return this.parts.library.file(bytes, file.name);
     };
     await this.report(() => this.load(read));
   }
@@ -123,7 +138,7 @@ export class App {
       const next = this.loading.then(async () => {
         const chosen = found ?? this.chosen;
         if (isLate() || chosen === null) return;
-        await this.put(chosen, player ?? this.player);
+        await this.put(chosen, player ?? (found?.take ? "recorded" : this.player));
         if (found !== null) this.shown = number;
       });
       this.loading = next.catch(() => undefined);
@@ -137,6 +152,7 @@ export class App {
   async toggle(): Promise<void> {
     const playback = this.playback;
     if (playback === null) return;
+    this.endSeek();
     if (playback.playing) {
       this.pause();
       this.say(`Paused at ${clock(playback.shown)}. ${figures(playback.session.metrics())}. ${describe(playback.session)}`);
@@ -157,6 +173,7 @@ export class App {
   }
 
   restart(): void {
+    this.endSeek();
     this.parts.sound.stop();
     this.playback?.restart();
     this.beginJudgement();
@@ -167,10 +184,53 @@ export class App {
   /** Play control steps without regard to real time. */
   advance(steps: number): void {
     if (this.playback === null) return;
+    this.endSeek();
     this.pause();
     this.playback.advance(steps);
     this.showFigures();
     this.say(`${describe(this.playback.session)} ${figures(this.playback.session.metrics())}.`);
+  }
+
+  /**
+   * Go to a time, s. Hands that are simulated play until there, without pictures and sound; from the beginning, if it
+   * lies behind.
+   */
+  async seek(time: number): Promise<void> {
+    const playback = this.playback;
+    if (playback === null) return;
+    const { session } = playback;
+    const { steps, controlTimestep } = session.piece.roll;
+    const target = Math.min(steps, Math.max(0, Math.round(time / controlTimestep)));
+    const goesOn = playback.playing || this.goesOn;
+    this.pause();
+    if (target < session.stepsPlayed) this.restart();
+    const number = ++this.seeks;
+    this.goesOn = goesOn;
+    this.seeking = number;
+    try {
+      while (session.stepsPlayed < target && !session.finished) {
+        const end = performance.now() + SEEK_TIME;
+        while (performance.now() < end && session.stepsPlayed < target && !session.finished) playback.advance(1);
+        this.showPlace(playback.shown);
+        this.say(`Going to ${clock(target * controlTimestep)} …`);
+        await new Promise((resolve) => setTimeout(resolve));
+        if (number !== this.seeks || playback !== this.playback) return;
+      }
+    } catch (error) {
+      this.complain(error);
+    }
+    this.goesOn = false;
+    this.seeking = null;
+    this.showFigures();
+    this.say(`At ${clock(playback.shown)}. ${figures(session.metrics())}.`);
+    if (goesOn && !session.finished) await this.toggle();
+    else this.showPlaying();
+  }
+
+  /** Whatever else is asked for ends a search. */
+  private endSeek(): void {
+    this.seeks++;
+    this.goesOn = false;
   }
 
   setTempo(tempo: number): void {
@@ -206,7 +266,7 @@ export class App {
   /** Go on by some real time, s, and draw what has changed. */
   frame(elapsed: number): void {
     const playback = this.playback;
-    if (playback === null) return;
+    if (playback === null || this.seeking === this.seeks) return;
     const played = playback.playing;
     try {
       playback.tick(elapsed);
@@ -241,11 +301,21 @@ export class App {
       duration: score.duration,
     });
     this.parts.roll.draw(playback.shown + lead);
-    const { progress, clock: time } = this.parts.elements;
-    const length = roll.steps * roll.controlTimestep;
-    progress.style.width = `${(100 * playback.shown) / length}%`;
-    time.value = `${clock(playback.shown)} / ${clock(length)}`;
+    const { seek } = this.parts.elements;
+    const length = String(roll.steps * roll.controlTimestep);
+    if (seek.max !== length) seek.max = length;
+    if (!seek.matches(":active")) this.showPlace(playback.shown);
     this.frames++;
+  }
+
+  /** Show a place of the progress bar, s, which may be dragged there. */
+  showPlace(time: number): void {
+    const { seek, clock: output } = this.parts.elements;
+    const text = `${clock(time)} of ${clock(Number(seek.max))}`;
+    output.value = text.replace(" of ", " / ");
+    seek.value = String(time);
+    if (seek.getAttribute("aria-valuetext") !== text) seek.setAttribute("aria-valuetext", text);
+    seek.style.setProperty("--played", `${(100 * time) / Math.max(Number(seek.max), 1e-9)}%`);
   }
 
   /** Say something to all, also to those who do not see the picture. */
@@ -273,17 +343,18 @@ export class App {
   }
 
   private async put(chosen: Chosen, player: PlayerId): Promise<void> {
-    const able = hindrance(player, chosen.entry) === null ? player : "sight-reader";
+    const able = hindrance(player, chosen) === null ? player : "sight-reader";
     this.pause();
     const session = await this.parts.makeSession(chosen, able);
     // Two files of a visitor's have the same identifier.
     const another = chosen !== this.chosen && (chosen.entry === null || chosen.piece.id !== this.chosen?.piece.id);
-    if (another) this.scoreboard.showPiece(chosen.entry);
+    if (another) this.scoreboard.showPiece(chosen);
     this.chosen = chosen;
     this.player = able;
     this.setSession(session);
     this.showHead(chosen);
     this.updateLink();
+    this.downloads.show(chosen, this.session);
   }
 
   private setSession(session: Session): void {
@@ -295,6 +366,7 @@ export class App {
       before: () => this.beforeStep(),
       after: (events, delay) => {
         this.judgement?.add(events);
+        this.events.push(...events);
         for (const event of events) {
           const heard = this.player === "you" && this.visitor?.hasSounded(event);
           if (this.playback?.playing && !heard) sound.play(event, delay(event));
@@ -314,6 +386,7 @@ export class App {
   }
 
   private beginJudgement(): void {
+    this.events = [];
     if (this.session !== null) this.judgement = new Judgement(this.session.piece.roll);
     this.wake();
   }
@@ -324,9 +397,10 @@ export class App {
     if (this.session !== null) this.say(`The end. ${figures(this.session.metrics())}.`);
   }
 
-  private showHead({ piece, entry }: Chosen): void {
+  private showHead(chosen: Chosen): void {
+    const { piece, entry, take } = chosen;
     const { elements } = this.parts;
-    const title = titleOf({ piece, entry });
+    const title = titleOf(chosen);
     elements.title.textContent = title;
     elements.subtitle.textContent = [entry?.composer, PLAYERS[this.player].name].filter(Boolean).join(" · ");
     document.title = `${title} · sb3-piano`;
@@ -335,7 +409,7 @@ export class App {
     );
     elements.warnings.hidden = piece.warnings.length === 0;
     elements.visitor.hidden = this.player !== "you";
-    const own = entry === null;
+    const own = entry === null && take === null;
     elements.playersNote.textContent = own ? "Plans and recordings come with the pieces of the list only." : "";
     this.restoreMenus();
     this.say(`${title}: ${piece.score.notes.length} notes, ${clock(piece.score.duration)}.`);
@@ -345,6 +419,8 @@ export class App {
     const { elements } = this.parts;
     const session = this.session;
     const metrics: Metrics | null = session === null || session.stepsPlayed === 0 ? null : session.metrics();
+    elements.right.textContent = metrics === null ? "–" : percent(metrics.onset_recall);
+    this.downloads.enable(metrics !== null);
     elements.f1.textContent = metrics === null ? "–" : metrics.f1.toFixed(3);
     elements.onsetF1.textContent = metrics === null ? "–" : metrics.onset_f1.toFixed(3);
     if (metrics !== null) this.scoreboard.record(this.player, metrics);
@@ -386,6 +462,7 @@ export class App {
     const id = this.chosen.piece.id;
     const link = writeLink({
       piece: id === OWN_FILE ? undefined : id,
+      file: this.chosen.file ?? undefined,
       player: this.player,
       tempo: Number(this.parts.elements.tempo.value),
       view: this.viewName,
@@ -395,7 +472,7 @@ export class App {
 }
 
 function titleOf({ piece, entry }: Chosen): string {
-  return entry?.title ?? piece.score.title;
+  return entry?.title ?? (piece.score.title || "Untitled");
 }
 
 /** Wait until the browser has shown what was written. */

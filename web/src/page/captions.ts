@@ -1,9 +1,14 @@
 import { fingerName, pitchName } from "../music/constants";
 import { MIN_PITCH, NUM_KEYS, UNKNOWN_FINGER, type Metrics, type Session } from "../types";
 
-/** Figures in words: "F1 0.93, onset F1 0.95". */
+/** A share in words: "96 %". Only all is 100 %. */
+export function percent(share: number): string {
+  return `${share < 1 ? Math.min(99, Math.round(100 * share)) : 100} %`;
+}
+
+/** Figures in words: "96 % of the notes right, F1 0.93, onset F1 0.95". */
 export function figures(metrics: Metrics): string {
-  return `F1 ${metrics.f1.toFixed(2)}, onset F1 ${metrics.onset_f1.toFixed(2)}`;
+  return `${percent(metrics.onset_recall)} of the notes right, F1 ${metrics.f1.toFixed(2)}, onset F1 ${metrics.onset_f1.toFixed(2)}`;
 }
 
 /** Minutes and seconds: "1:05". */

@@ -9,6 +9,17 @@ import type { Visitor } from "./visitor";
 
 const TEMPO_STEP = 0.05;
 const MS_PER_STEP = 50;
+/** Keys of the progress bar, and by how much they move it, s. */
+const SEEK_KEYS: ReadonlyMap<string, number> = new Map([
+  ["ArrowLeft", -1],
+  ["ArrowDown", -1],
+  ["ArrowRight", 1],
+  ["ArrowUp", 1],
+  ["PageDown", -10],
+  ["PageUp", 10],
+  ["Home", -Infinity],
+  ["End", Infinity],
+]);
 
 /** Let the buttons, menus, sliders and keys of the page do what they say. */
 export function connectControls(app: App, elements: Elements, sound: PianoSound, visitor: Visitor): void {
@@ -16,6 +27,7 @@ export function connectControls(app: App, elements: Elements, sound: PianoSound,
   elements.play.addEventListener("click", () => void app.toggle());
   elements.restart.addEventListener("click", () => app.restart());
   elements.step.addEventListener("click", () => app.advance(1));
+  connectSeek(app, elements);
   elements.tempo.addEventListener("input", () => app.setTempo(Number(elements.tempo.value)));
   elements.volume.addEventListener("input", () => (sound.volume = Number(elements.volume.value)));
   for (const slider of [elements.noise, elements.latency]) {
@@ -27,6 +39,18 @@ export function connectControls(app: App, elements: Elements, sound: PianoSound,
   connectFiles(app, elements);
   connectKeys(app, elements, visitor);
   addEventListener("hashchange", () => void app.follow(location.hash));
+}
+
+/** Let the progress bar be dragged, and moved by keys: it seeks when it is let go of. */
+function connectSeek(app: App, { seek }: Elements): void {
+  seek.addEventListener("input", () => app.showPlace(Number(seek.value)));
+  seek.addEventListener("change", () => void app.seek(Number(seek.value)));
+  seek.addEventListener("keydown", (event) => {
+    const seconds = SEEK_KEYS.get(event.key);
+    if (seconds === undefined || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    void app.seek(Number(seek.value) + seconds);
+  });
 }
 
 function disturb(app: App, elements: Elements): void {

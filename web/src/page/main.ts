@@ -11,7 +11,7 @@ declare global {
 
 const ready = start(assetsOf(document), async (assets) => {
   const sessions = await Sessions.load(assets);
-  return ({ piece, entry }, player) => sessions.open(piece, player, entry);
+  return ({ piece, entry, take }, player) => sessions.open(piece, player, entry, take);
 });
 window.piano = { ready };
 ready.catch((error: unknown) => {

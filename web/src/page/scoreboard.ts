@@ -1,12 +1,21 @@
-import type { CataloguePiece, Metrics, PlayerId } from "../types";
+import type { Metrics, PlayerId } from "../types";
+import { percent } from "./captions";
+import type { Chosen } from "./library";
 import { PLAYERS, PLAYER_IDS, hindrance } from "./players";
+
+/** The columns: what is measured, and how it is written. */
+const COLUMNS = [
+  ["onset_recall", percent],
+  ["f1", (value: number) => value.toFixed(3)],
+  ["onset_f1", (value: number) => value.toFixed(3)],
+] as const;
 
 interface Row {
   readonly radio: HTMLInputElement;
   readonly label: HTMLElement;
+  readonly about: HTMLElement;
   readonly inPython: HTMLElement;
-  readonly f1: Figure;
-  readonly onsetF1: Figure;
+  readonly figures: readonly Figure[];
 }
 
 /** A cell with what was reached here, and below what Python measured. */
@@ -14,16 +23,19 @@ class Figure {
   private readonly here = document.createElement("span");
   private readonly python = document.createElement("small");
 
-  constructor(cell: HTMLTableCellElement) {
+  constructor(
+    cell: HTMLTableCellElement,
+    private readonly written: (value: number) => string,
+  ) {
     cell.append(this.here, this.python);
   }
 
   show(value: number | null): void {
-    this.here.textContent = value === null ? "" : value.toFixed(3);
+    this.here.textContent = value === null ? "" : this.written(value);
   }
 
   expect(value: number | undefined): void {
-    this.python.textContent = value === undefined ? "" : value.toFixed(3);
+    this.python.textContent = value === undefined ? "" : this.written(value);
   }
 }
 
@@ -36,21 +48,20 @@ export class Scoreboard {
     this.rows = new Map(PLAYER_IDS.map((id) => [id, addRow(body, id, () => onChoice(id))]));
   }
 
-  /** Forget all figures, and offer who can play a piece; null for a visitor's own file. */
-  showPiece(entry: CataloguePiece | null): void {
+  /** Forget all figures, and offer who can play a piece. */
+  showPiece({ entry, take }: Chosen): void {
     for (const [id, row] of this.rows) {
-      const reason = hindrance(id, entry);
+      const reason = hindrance(id, { entry, take });
+      const recorder = id === "recorded" ? (take?.player || entry?.recorder) : undefined;
+      row.about.textContent = recorder ?? PLAYERS[id].about;
       row.radio.disabled = reason !== null;
       row.label.title = reason ?? "";
       const expected = entry?.expected[id];
       row.inPython.hidden = expected === undefined;
-      for (const [figure, value] of [
-        [row.f1, expected?.f1],
-        [row.onsetF1, expected?.onset_f1],
-      ] as const) {
-        figure.show(null);
-        figure.expect(value);
-      }
+      COLUMNS.forEach(([name], i) => {
+        row.figures[i].show(null);
+        row.figures[i].expect(expected?.[name]);
+      });
     }
   }
 
@@ -62,8 +73,7 @@ export class Scoreboard {
   /** Keep what a player has reached so far. */
   record(player: PlayerId, metrics: Metrics): void {
     const row = this.rows.get(player)!;
-    row.f1.show(metrics.f1);
-    row.onsetF1.show(metrics.onset_f1);
+    COLUMNS.forEach(([name], i) => row.figures[i].show(metrics[name]));
   }
 }
 
@@ -76,10 +86,10 @@ function addRow(body: HTMLTableSectionElement, id: PlayerId, onChoice: () => voi
   const label = document.createElement("label");
   const text = document.createElement("span");
   const about = Object.assign(document.createElement("small"), { textContent: PLAYERS[id].about });
-  const inPython = Object.assign(document.createElement("small"), { textContent: "Measured in Python" });
+  const inPython = Object.assign(document.createElement("small"), { textContent: "In Python" });
   text.append(PLAYERS[id].name, about, inPython);
   label.append(radio, text);
   head.append(label);
   row.append(head);
-  return { radio, label, inPython, f1: new Figure(row.insertCell()), onsetF1: new Figure(row.insertCell()) };
+  return { radio, label, about, inPython, figures: COLUMNS.map(([, written]) => new Figure(row.insertCell(), written)) };
 }

@@ -21,7 +21,7 @@ export type MakeSession = (chosen: Chosen, player: PlayerId) => Promise<Session>
 
 /** The page by program, as `window.piano`: it is stepped by count, whatever the time. */
 export interface PianoPage {
-  /** Load a piece of the catalogue, or a MIDI file, with a player, at its beginning. */
+  /** Load a piece of the catalogue, or a file, with a player, at its beginning. */
   load(piece: string | Uint8Array, player: PlayerId): Promise<void>;
   /** Play so many control steps, or fewer if the piece ends. */
   advance(steps: number): Promise<Metrics>;
@@ -40,6 +40,8 @@ export interface PianoPage {
   draw(pictures: number): number;
   /** Root mean square of the sound, and whether it comes from samples. */
   sound(): { level: number; sampled: boolean };
+  /** Go to a time, s. */
+  seek(time: number): Promise<void>;
 }
 
 /** Build the page from its files, and return it once the piece of the link is there. */
@@ -119,7 +121,7 @@ function pageOf(app: App, library: Library, sound: PianoSound, visitor: Visitor)
   };
   return {
     async load(piece, player) {
-      const find = () => (typeof piece === "string" ? library.piece(piece) : library.midi(piece, "file.mid"));
+      const find = () => (typeof piece === "string" ? library.piece(piece) : library.file(piece, "file.mid"));
       await app.load(find, player);
     },
     async advance(steps) {
@@ -147,5 +149,6 @@ function pageOf(app: App, library: Library, sound: PianoSound, visitor: Visitor)
       return app.frames;
     },
     sound: () => ({ level: sound.level(), sampled: sound.sampled }),
+    seek: (time) => app.seek(time),
   };
 }

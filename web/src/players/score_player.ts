@@ -1,7 +1,7 @@
 import { speedOf } from "../music/dynamics";
 import type { Simulation } from "../simulation/simulation";
 import { NUM_KEYS, type KeyEvent, type Piece, type PianoRoll } from "../types";
-import type { Player } from "./player";
+import type { Placed, Player } from "./player";
 import { restingControls } from "./visitor";
 
 /** Speed of a struck key, rad/s: what loudness is made of where nothing strikes it. */
@@ -26,8 +26,8 @@ export class ScorePlayer implements Player {
     return this.resting;
   }
 
-  /** Place the keys as they are at the end of a control step; return those that moved. */
-  place(step: number): KeyEvent[] {
+  place(step: number): Placed {
+    this.simulation.advance(this.resting);
     const { active, onset, strikes, controlTimestep } = this.roll!;
     const row = step * NUM_KEYS;
     const events: KeyEvent[] = [];
@@ -42,6 +42,6 @@ export class ScorePlayer implements Player {
       events.push({ key, down: true, time, speed: SPEED });
     }
     this.simulation.placeKeys(active.subarray(row, row + NUM_KEYS));
-    return events;
+    return { sounding: this.simulation.sounding, events };
   }
 }

@@ -1,6 +1,7 @@
 import { EpisodeMetrics } from "../music/metrics";
-import { loadSimulation, type Simulation } from "../simulation/simulation";
-import { readTensors, type Tensors } from "../tensors";
+import { loadSimulation, type OnSubstep, type Simulation } from "../simulation/simulation";
+import { readTake, type Take } from "../take";
+import { readTensors } from "../tensors";
 import {
   InputError,
   type Assets,
@@ -42,23 +43,25 @@ export class Sessions {
   /**
    * Begin to play a piece.
    *
-   * @param entry What the catalogue has of the piece; left out for a visitor's own file.
+   * @param entry What the catalogue has of the piece; null for a visitor's own file.
+   * @param take The recording of the piece; null for that of the catalogue.
    * @throws InputError If this player cannot play the piece.
    */
-  async open(piece: Piece, player: PlayerId, entry?: CataloguePiece | null): Promise<Session> {
-    return new PianoSession(this.simulation, piece, player, await this.playerOf(player, entry));
+  async open(piece: Piece, player: PlayerId, entry: CataloguePiece | null, take: Take | null): Promise<Session> {
+    return new PianoSession(this.simulation, piece, player, await this.playerOf(player, entry, take));
   }
 
-  private async playerOf(player: PlayerId, entry?: CataloguePiece | null): Promise<Player> {
+  private async playerOf(player: PlayerId, entry: CataloguePiece | null, take: Take | null): Promise<Player> {
     const { simulation } = this;
     switch (player) {
       case "sight-reader":
         this.reader ??= await SightReader.load(this.assets, simulation);
         return this.reader;
       case "planned":
-        return new Planned(await this.tensors(entry?.plan, "a plan"), simulation);
+        return new Planned(readTensors(await this.bytes(entry?.plan, "a plan")), simulation);
       case "recorded":
-        return new Recorded(await this.tensors(entry?.recording, "a recording"), simulation);
+        take ??= await readTake(await this.bytes(entry?.recording, "a recording"), entry?.recording ?? "");
+        return new Recorded(take, simulation);
       case "score":
         return new ScorePlayer(simulation);
       case "you":
@@ -66,11 +69,11 @@ export class Sessions {
     }
   }
 
-  private async tensors(name: string | undefined, what: string): Promise<Tensors> {
+  private async bytes(name: string | undefined, what: string): Promise<Uint8Array> {
     if (name === undefined) {
       throw new InputError(`There is no ${what.slice(2)} of this piece: expected a piece that comes with ${what}.`);
     }
-    return readTensors(await this.assets.bytes(name));
+    return this.assets.bytes(name);
   }
 }
 
@@ -130,12 +133,17 @@ class PianoSession implements Session {
 
   step(): readonly KeyEvent[] {
     if (this.finished) throw new Error("The piece is over: call restart() before step().");
-    const { actor, record, simulation } = this;
-    const step = record.steps;
+    const { actor, simulation } = this;
+    const step = this.record.steps;
     if (this.noise > 0 || this.latency > 0) actor.disturb?.();
-    this.wanted.push(actor.controls(step));
-    this.simulate(this.controls(step));
-    const events = actor instanceof ScorePlayer ? record.add(simulation.sounding, actor.place(step)) : record.addLooked();
+    this.wanted[step] = actor.controls(step);
+    let events: readonly KeyEvent[];
+    try {
+      events = this.placed(step) ?? this.simulated(step);
+    } catch (error) {
+      this.failed = true;
+      throw error;
+    }
     const strikes = events.filter((event) => event.down);
     this.judge.add(simulation.sounding, strikes);
     return events;
@@ -163,13 +171,15 @@ class PianoSession implements Session {
     this.simulation.pushKey(key, down);
   }
 
-  private simulate(controls: Float64Array): void {
-    try {
-      this.simulation.advance(controls, (substep, angles, speeds) => this.record.look(substep, angles, speeds));
-    } catch (error) {
-      this.failed = true;
-      throw error;
-    }
+  private placed(step: number): readonly KeyEvent[] | null {
+    const placed = this.actor.place?.(step) ?? null;
+    return placed === null ? null : this.record.add(placed.sounding, placed.events);
+  }
+
+  private simulated(step: number): readonly KeyEvent[] {
+    const look: OnSubstep = (substep, angles, speeds) => this.record.look(substep, angles, speeds);
+    this.simulation.advance(this.controls(step), look);
+    return this.record.addLooked();
   }
 
   /**

@@ -17,6 +17,8 @@ export interface SceneFacts {
   readonly handActionUnit: readonly number[];
   /** (m) addresses in qpos of both hands' joints, the right hand's first, the sliders last in each. */
   readonly handQpos: readonly number[];
+  /** Those of them that hands of fewer joints have, too, in the same order. */
+  readonly reducedHandQpos: readonly number[];
   /** (nu) for each actuator [index in `handQpos`, share]: where it is is the sum of share times joint. */
   readonly actuatorOfJoint: readonly (readonly [number, number][])[];
   /** The right hand, then the left one. */

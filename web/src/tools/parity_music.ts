@@ -1,6 +1,7 @@
 /** The music room for Python's tests: a request (JSON) on each line of the standard input, an answer on each line out. */
 
 import { createInterface } from "node:readline";
+import { isArchive, unzip } from "../archive";
 import { InputError, NUM_KEYS, type Metrics, type Score } from "../types";
 import { speedOf, velocityOf } from "../music/dynamics";
 import { applyFingering, fingerScore } from "../music/fingering/apply";
@@ -9,6 +10,7 @@ import { releaseEarly } from "../music/fingering/robot";
 import { EpisodeMetrics } from "../music/metrics";
 import { readMidi } from "../music/midi";
 import { handOfName } from "../music/midi_hands";
+import { documentOf, readMusicXml } from "../music/musicxml";
 import { pieceOf } from "../music/piece";
 import { pressesOfHand } from "../music/presses";
 import { rollOf } from "../music/roll";
@@ -36,6 +38,11 @@ interface Strike {
 
 const ANSWERS: Readonly<Record<string, (request: Request) => unknown>> = {
   midi: ({ bytes, name }) => readMidi(Buffer.from(bytes, "base64"), name),
+  musicxml: async ({ bytes, name }) => {
+    const file = Buffer.from(bytes, "base64");
+    const files = isArchive(file) ? await unzip(file, name) : null;
+    return readMusicXml(documentOf(file, files, name) ?? "", name);
+  },
   hand: ({ name }) => handOfName(name),
   velocities: ({ speeds }) => speeds.map(velocityOf),
   speeds: ({ velocities }) => velocities.map(speedOf),
@@ -77,9 +84,9 @@ function plain(value: object): object {
   return Object.fromEntries(entries) as object;
 }
 
-function answer(request: Request): unknown {
+async function answer(request: Request): Promise<unknown> {
   try {
-    return { answer: ANSWERS[request.ask]!(request) };
+    return { answer: await ANSWERS[request.ask]!(request) };
   } catch (error) {
     if (error instanceof InputError) return { refused: error.message };
     throw error;
@@ -87,5 +94,5 @@ function answer(request: Request): unknown {
 }
 
 for await (const line of createInterface({ input: process.stdin })) {
-  process.stdout.write(`${JSON.stringify(answer(JSON.parse(line) as Request))}\n`);
+  process.stdout.write(`${JSON.stringify(await answer(JSON.parse(line) as Request))}\n`);
 }

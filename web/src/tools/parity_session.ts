@@ -52,8 +52,8 @@ async function play({ folder, piece: id, player, steps, times = 1, noise, latenc
   const { pieces } = await assets.json<Catalogue>("catalogue.json");
   const entry = pieces.find((one) => one.id === id);
   if (entry === undefined) throw new InputError(`There is no piece ${id}.`);
-  const piece = pieceOf(id, await assets.json<Score>(entry.score));
-  const session = await sessions.open(piece, player, entry);
+  const piece = pieceOf(id, await assets.json<Score>(entry.score!));
+  const session = await sessions.open(piece, player, entry, null);
   session.noise = noise ?? 0;
   session.latency = latency ?? 0;
   const answers = [];

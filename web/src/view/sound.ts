@@ -1,5 +1,5 @@
 import { velocityOf } from "../music/dynamics";
-import { MIN_PITCH, type Assets, type KeyEvent } from "../types";
+import { MIN_PITCH, type Assets, type KeyEvent, type Pedal } from "../types";
 
 /** A sample, and the pitch at which it was recorded. */
 interface Sample {
@@ -27,9 +27,13 @@ const FIRST_UNDAMPED_PITCH = 90;
 const TONE_DECAY = 1.1;
 const MIDDLE_C = 60;
 
+/** Samples a second of a file, and how long it goes on after the end, s. */
+const RATE = 44_100;
+const RINGING = 1.5;
+
 /** The piano's sound: samples of a grand piano, or a synthesised tone where these cannot be decoded. */
 export class PianoSound {
-  private context: AudioContext | null = null;
+  private context: BaseAudioContext | null = null;
   private output: GainNode | null = null;
   private analyser: AnalyserNode | null = null;
   private samples: readonly Sample[] = [];
@@ -43,8 +47,8 @@ export class PianoSound {
 
   /** Begin to sound; browsers allow it in answer to a click or a key only. */
   async start(): Promise<void> {
-    if (this.context === null) this.open();
-    await this.context!.resume();
+    if (this.context === null) this.connect(new AudioContext({ latencyHint: "interactive" }));
+    await (this.context as AudioContext).resume();
     this.loading ??= this.load();
     await this.loading;
   }
@@ -82,9 +86,9 @@ export class PianoSound {
   }
 
   /** Hold all strings that sound from now on, or damp those whose keys are up. */
-  setPedal(down: boolean): void {
-    if (this.pedal && !down && this.context !== null) {
-      for (const voice of this.held.values()) this.damp(voice, this.context.currentTime);
+  setPedal(down: boolean, at = this.context?.currentTime ?? 0): void {
+    if (this.pedal && !down) {
+      for (const voice of this.held.values()) this.damp(voice, at);
       this.held.clear();
     }
     this.pedal = down;
@@ -100,8 +104,25 @@ export class PianoSound {
     this.held.clear();
   }
 
-  private open(): void {
-    const context = new AudioContext({ latencyHint: "interactive" });
+  /** Make the sound of a whole performance of so many s, as fast as it goes. */
+  async render(events: readonly KeyEvent[], pedals: readonly Pedal[], seconds: number): Promise<AudioBuffer> {
+    const context = new OfflineAudioContext(2, Math.ceil((seconds + RINGING) * RATE), RATE);
+    const piano = new PianoSound(this.assets);
+    piano.connect(context);
+    if (this.sampled) piano.samples = this.samples;
+    else await piano.load();
+    const moves: [number, () => void][] = events.map((event) => [
+      event.time,
+      () => (event.down ? piano.strike(event.key, event.speed, event.time) : piano.release(event.key, event.time)),
+    ]);
+    for (const { onset, offset } of pedals) {
+      moves.push([onset, () => piano.setPedal(true, onset)], [offset, () => piano.setPedal(false, offset)]);
+    }
+    for (const [, move] of moves.sort((a, b) => a[0] - b[0])) move();
+    return context.startRendering();
+  }
+
+  private connect(context: BaseAudioContext): void {
     this.context = context;
     this.output = new GainNode(context, { gain: this.loudness });
     this.analyser = new AnalyserNode(context, { fftSize: 2048 });
@@ -194,7 +215,7 @@ export class PianoSound {
 }
 
 /** A small room: noise that dies away within a second. */
-function roomResponse(context: AudioContext): AudioBuffer {
+function roomResponse(context: BaseAudioContext): AudioBuffer {
   const buffer = new AudioBuffer({ length: context.sampleRate, sampleRate: context.sampleRate, numberOfChannels: 2 });
   for (let channel = 0; channel < 2; channel++) {
     const wave = buffer.getChannelData(channel);

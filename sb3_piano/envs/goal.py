@@ -41,6 +41,7 @@ class Goal:
         self.source = score
         """The score as given."""
         self.score = score = fingered(part_of_hands(score, config), config)
+        """The score to play, with its fingers."""
         self.roll = roll_of(score, config)
         """Piano roll to play, by which the metrics judge."""
         self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll
@@ -71,6 +72,11 @@ class Goal:
             return self.roll
         fingering = "ergonomic" if self.score.has_fingering else "robot"
         return roll_of(fingered(self.score, self._config, fingering), self._config)
+
+    @functools.cached_property
+    def timed_score(self) -> Score:
+        """The score that :attr:`roll` was made of; the initial silence is in the roll alone."""
+        return self.score.trim_silence() if self._config.trim_silence else self.score
 
     def __len__(self) -> int:
         """Return the number of control steps of the episode."""

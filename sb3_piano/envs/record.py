@@ -219,6 +219,7 @@ class EpisodeRecord:
             release_time=releases,
             press_finger=self._press_fingers(key_active, fingertips),
             title=self._goal.score.title,
+            score=self._goal.timed_score,
         )
 
     def summary(self) -> dict[str, float]:

@@ -11,15 +11,14 @@ import numpy as np
 from sb3_piano.arrays import BoolArray, FingerArray, FloatArray
 from sb3_piano.exceptions import RunError
 from sb3_piano.metrics import (
-    MUSICIANSHIP,
     Losses,
     Onsets,
     Presses,
     episode_metrics,
     losses_of,
-    musicianship,
     presses_of,
 )
+from sb3_piano.metrics.musicianship import MUSICIANSHIP, musicianship
 from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
 from sb3_piano.music.constants import DEFAULT_VELOCITY
 from sb3_piano.music.dynamics import velocity_of

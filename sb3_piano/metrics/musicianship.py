@@ -72,7 +72,7 @@ def musicianship(due: Score, played: Score | None) -> dict[str, float]:
     - ``tempo_error``: in windows of 2 s, one each second, with four hits at two times or more, the
       slope of the strikes' times over the due times by least squares; mean of its distance from 1.
     - ``duration_ratio``: median of played over due duration of the hits.
-    - ``legato_overlap_ms``: release of a note less the strike of the next one, mean over pairs of
+    - ``legato_overlap_ms``: release of a note less the strike of the next one, median over pairs of
       hits of one hand that touch in the score (within 20 ms), on two keys; a note's next is the
       nearest in pitch. Negative is a gap. Source: Repp 1995, Acoustics, perception, and production
       of legato articulation on a digital piano ("key overlap time").
@@ -107,7 +107,7 @@ def musicianship(due: Score, played: Score | None) -> dict[str, float]:
         **_of_chords(a, b),
         "tempo_error": _tempo_error(a.onset, b.onset),
         "duration_ratio": _median((b.offset - b.onset) / (a.offset - a.onset)),
-        "legato_overlap_ms": _MS * _mean(_overlaps(a, b)),
+        "legato_overlap_ms": _MS * _median(_overlaps(a, b)),
         **_of_pedal(pedals, pressed, due.duration),
     }
     for index, hand in enumerate(HANDS):

@@ -27,6 +27,7 @@ from sb3_piano.cli.losses import HELP, print_losses
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.metrics.episode import FINGER_SHARES, definition_of, has_value, in_order
+from sb3_piano.metrics.musicianship import MUSICIANSHIP
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -50,6 +51,7 @@ _METRICS_IN_TABLE = 5
 _SCORE_HELP = (
     "piece to play instead of each run's own: its name, or a file such as MIDI; repeatable"
 )
+_MUSICAL_HELP = "also judge endings, loudness, chords, timing by hand, legato and pedal"
 _MOTION_HELP = "also write all motion to performance_<i>.npz beside each MIDI file"
 
 
@@ -68,6 +70,7 @@ def add_arguments(parser: Any) -> None:
     add("--tree")
     add("--motion", text=_MOTION_HELP)
     add("--metrics", "NAME", "metrics to show, such as f1 onset_f1 return", nargs="+")
+    add("--musical", text=_MUSICAL_HELP)
     add("--losses", text=HELP)
     add("--csv", text="write one row per episode to a CSV file")
     add("--json")
@@ -106,6 +109,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         players = [f"tree:{TreeSettings.parse(arguments.tree)}:{run}" for run in players]
     named = (n for n in arguments.metrics or [] if definition_of(n).section != "Return")
     refuse_unknown(named, DEFINITIONS, "metric")  # reward terms may be of one's own
+    asked = not set(MUSICIANSHIP).isdisjoint(arguments.metrics or ())
     seeds, scores = arguments.seeds or [arguments.seed], arguments.score or []
     count = sum(len(scores) or _n_pieces(run) for run in arguments.runs)
     arguments.no_progress |= count == 1
@@ -119,6 +123,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
             scores=scores,
             best=arguments.best,
             motion=arguments.motion,
+            musical=arguments.musical or asked,
             on_episode=lambda: tell(advance=1),
         )
     if found.evaluations:

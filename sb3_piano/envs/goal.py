@@ -52,6 +52,7 @@ class Goal:
         if not config.sides:
             self.fingering_reward = "off"
         self.forearm_reward = config.forearm_reward
+        self.musicianship = config.musicianship
         self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
         """Goal of each control step."""
         self.terms = tuple(config.reward_weights)

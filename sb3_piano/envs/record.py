@@ -224,9 +224,10 @@ class EpisodeRecord:
 
     def summary(self) -> dict[str, float]:
         """Compute the music metrics and the returns by name, as in the final ``info``."""
-        returns = self._sums()
+        returns, performance = self._sums(), self.performance()
         return {
-            **self.performance().metrics(),
+            **performance.metrics(),
+            **(performance.musicianship() if self._goal.musicianship else {}),
             "normalized_return": normalized_return(sum(returns), self._goal.highest_return),
             **dict(zip(self._return_names(), returns, strict=True)),
         }

@@ -189,6 +189,19 @@ class Take:
         """F1 of the strikes, within 50 ms."""
         return self.metrics["onset_f1"]
 
+    def musicianship(self, score: Score | None = None) -> dict[str, float]:
+        """Compute endings, loudness, chords, timing, legato and pedal by name; NaN if undefined.
+
+        They are the numbers of :meth:`~sb3_piano.performance.Performance.musicianship`.
+
+        Args:
+            score: The piece, for a take that was recorded without it.
+
+        Raises:
+            RunError: If the piece is neither known nor given, or the environment was no piano.
+        """
+        return self.piano.musicianship(score)
+
     def save_midi(self, path: str | os.PathLike[str]) -> None:
         """Write the notes as a MIDI file.
 

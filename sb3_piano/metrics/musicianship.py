@@ -67,7 +67,7 @@ def musicianship(due: Score, played: Score | None) -> dict[str, float]:
       struck at one time, half counts. ``melody_lead_ms``: by how much the highest hit is struck
       before the mean of the others, mean over chords. Source: Goebl 2001, Melody lead in piano
       performance: expressive device or artifact?
-    - ``onset_error_mean_ms_right``, ``onset_error_std_ms_right``, and ``..._left``: mean and
+    - ``onset_error_mean_right_ms``, ``onset_error_std_right_ms``, and ``..._left``: mean and
       standard deviation of the hits' delay.
     - ``tempo_error``: in windows of 2 s, one each second, with four hits at two times or more, the
       slope of the strikes' times over the due times by least squares; mean of its distance from 1.
@@ -113,8 +113,8 @@ def musicianship(due: Score, played: Score | None) -> dict[str, float]:
     for index, hand in enumerate(HANDS):
         own = a.hand == index
         found[f"velocity_correlation_{hand}"] = _correlation(a.velocity[own], b.velocity[own])
-        found[f"onset_error_mean_ms_{hand}"] = _MS * _mean(late[own])
-        found[f"onset_error_std_ms_{hand}"] = _MS * float(late[own].std()) if own.any() else _NONE
+        found[f"onset_error_mean_{hand}_ms"] = _MS * _mean(late[own])
+        found[f"onset_error_std_{hand}_ms"] = _MS * float(late[own].std()) if own.any() else _NONE
     return {name: found[name] for name in MUSICIANSHIP}
 
 
@@ -131,10 +131,10 @@ MUSICIANSHIP = (
     "chord_spread_ms",
     "chord_order",
     "melody_lead_ms",
-    "onset_error_mean_ms_right",
-    "onset_error_std_ms_right",
-    "onset_error_mean_ms_left",
-    "onset_error_std_ms_left",
+    "onset_error_mean_right_ms",
+    "onset_error_std_right_ms",
+    "onset_error_mean_left_ms",
+    "onset_error_std_left_ms",
     "tempo_error",
     "duration_ratio",
     "legato_overlap_ms",

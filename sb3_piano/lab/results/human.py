@@ -99,8 +99,8 @@ def recordings(folder: Path, seconds: float) -> Iterator[Recording]:
             "score.mid, score_beats.txt, performance.mid and performance_beats.txt."
         )
     for score, played in pairs:
-        own = played.stem if played.stem != "performance" else played.parent.name
-        yield _recording(own, score, played, seconds)
+        name = played.relative_to(folder).with_suffix("").as_posix()
+        yield _recording(name.removesuffix("/performance"), score, played, seconds)
 
 
 def judge_person(recording: Recording) -> Judged:

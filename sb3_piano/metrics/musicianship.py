@@ -167,7 +167,8 @@ def _onsets(notes: _Notes) -> Onsets:
 
 
 def _taken(notes: _Notes, index: IntArray) -> _Notes:
-    return _Notes(*(column[index] for column in notes))
+    key, onset, offset, velocity, hand = notes
+    return _Notes(key[index], onset[index], offset[index], velocity[index], hand[index])
 
 
 def _match_endings(target: _Notes, played: _Notes) -> IntPairs:

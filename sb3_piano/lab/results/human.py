@@ -109,8 +109,8 @@ def judge_person(recording: Recording) -> Judged:
     rolls = [PianoRoll.from_score(score, STEP) for score in (due, played)]
     steps = max(map(len, rolls))
     keys = [np.pad(roll.active, ((0, steps - len(roll)), (0, 0))) for roll in rolls]
-    onsets = [Onsets(r.onset_time, np.nonzero(r.onset)[1].astype(np.intp)) for r in rolls]
-    frames, strikes = frame_scores(*keys), onset_scores(*onsets)
+    target, struck = (Onsets(r.onset_time, np.nonzero(r.onset)[1].astype(np.intp)) for r in rolls)
+    frames, strikes = frame_scores(*keys), onset_scores(target, struck)
     found = {**frames._asdict(), **{f"onset_{n}": v for n, v in strikes._asdict().items()}}
     return _judged(recording, "scored", PEOPLE, {**found, **musicianship(due, played)})
 
@@ -268,11 +268,12 @@ def _warped(score: Score, beats: FloatArray, heard: FloatArray) -> Score:
 
 def _handed(played: Score, scored: Score) -> Score:
     """Return the recording with the score's hands, where a note of the score is near."""
-    onsets = [
+    due, heard = (
         Onsets(np.array([n.onset for n in s.notes]), np.array([n.key for n in s.notes]))
         for s in (scored, played)
-    ]
-    hands = {int(j): scored.notes[i].hand for i, j in match_onsets(*onsets, tolerance=_SAME_NOTE)}
+    )
+    pairs = match_onsets(due, heard, _SAME_NOTE).tolist()
+    hands = {j: scored.notes[i].hand for i, j in pairs}
     notes = [replace(note, hand=hands.get(j)) for j, note in enumerate(played.notes)]
     return Score(notes=notes, pedals=played.pedals)
 

@@ -61,9 +61,8 @@ def test_each_number_stands_beside_what_playing_nothing_scores_and_what_it_means
 
 def test_musicianship_stands_there_if_the_score_is_known():
     score = score_of((0.0, 1.0, 60, 0), (0.0, 1.0, 64, 2), title="third")
-    played = performance(
-        [], [(C4, 0.0, 0.8, 0), (E4, 0.01, 0.8, 2)], roll=PianoRoll.from_score(score, STEP)
-    )
+    presses = [(C4, 0.01, 0.8, 0), (E4, 0.02, 0.8, 2)]
+    played = performance([], presses, roll=PianoRoll.from_score(score, STEP))
     assert "chord spread" not in Page(report_html(report(played))).text.lower()
     text = Page(report_html(report(dataclasses.replace(played, score=score)))).text
     assert f"Chord spread 10.0 ms {NONE} Time between" in text.replace("\N{NO-BREAK SPACE}", " ")

@@ -172,7 +172,8 @@ def write(file: Path | None, seconds: float, judged: Iterable[Judged]) -> None:
 def table(judged: Sequence[Judged], target: str) -> str:
     """Return the means over the pieces that all played, as Markdown.
 
-    People are judged by the score in both tables: the recording is their own.
+    People are judged by the score in both tables: the recording is their own. Numbers that nobody
+    has are left out.
     """
     columns = _columns(judged, target)
     lines = [
@@ -185,6 +186,8 @@ def table(judged: Sequence[Judged], target: str) -> str:
             known.rounded(fmean(values)) if (values := _values(of, name).values()) else "-"
             for of in columns.values()
         ]
+        if set(cells) == {"-"}:
+            continue
         unit = f", {known.unit}" if known.unit else ""
         lines.append(f"| {known.label}{unit} | {' | '.join(cells)} |")
     return "\n".join(lines)

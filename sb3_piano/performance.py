@@ -9,10 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FingerArray, FloatArray
-from sb3_piano.metrics import Losses, Onsets, Presses, episode_metrics, losses_of, presses_of
+from sb3_piano.exceptions import RunError
+from sb3_piano.metrics import (
+    Losses,
+    Onsets,
+    Presses,
+    episode_metrics,
+    losses_of,
+    presses_of,
+)
+from sb3_piano.metrics.musicianship import MUSICIANSHIP, musicianship
 from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
 from sb3_piano.music.constants import DEFAULT_VELOCITY
 from sb3_piano.music.dynamics import velocity_of
+from sb3_piano.music.roll import floor_steps
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,6 +49,8 @@ class Performance:
     """(t, 88) int8, the finger nearest to each sounding key, -1 where a key is silent."""
     title: str = ""
     """Title of the piece."""
+    score: Score | None = None
+    """The piece of which the roll is made, with its fingers; ``None`` in older takes."""
 
     def __len__(self) -> int:
         return len(self.key_active)
@@ -68,6 +80,27 @@ class Performance:
             press_finger=self.press_finger,
             control_timestep=roll.control_timestep,
         )
+
+    def musicianship(self, score: Score | None = None) -> dict[str, float]:
+        """Compute the numbers of :func:`~sb3_piano.metrics.musicianship`, over the steps played.
+
+        Args:
+            score: The piece, for a take that was recorded without it.
+
+        Raises:
+            RunError: If the piece is neither known nor given.
+        """
+        score, step = score or self.score, self.roll.control_timestep
+        if score is None:
+            raise RunError(
+                "This performance was recorded without its score: expected the score as argument."
+            )
+        lead = (len(self.roll) - 1 - int(floor_steps(score.duration, step))) * step
+        end = len(self) * step - lead
+        if end <= score.notes[0].onset:
+            return dict.fromkeys(MUSICIANSHIP, math.nan)
+        due = score.excerpt(0, end).warp(lambda time: time + lead)
+        return musicianship(due, self.to_score())
 
     def losses(self) -> Losses:
         """Classify each due frame and each wrong frame of the steps played."""

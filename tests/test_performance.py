@@ -1,9 +1,13 @@
 """The record of what was played, and the scores that are made from it."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from short_scores import score_of
 
+from sb3_piano.exceptions import RunError
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import PianoRoll
 from sb3_piano.performance import Performance
@@ -58,3 +62,23 @@ def test_metrics_are_over_the_steps_that_were_played():
     for finger, agreement in ((0, 1.0), (3, 0.0)):  # with the labels of the notes that are due
         metrics = played([(C4, 0, 2, 0.03, 0.1, finger)], steps=2).metrics()
         assert metrics["fingering_agreement"] == agreement
+
+
+def test_musicianship_counts_from_the_first_note_and_over_the_steps_that_were_played():
+    """The pedal of the score is down from 0.05 to 0.2 s, on a stage with 0.2 s before the piece."""
+    late = PianoRoll.from_score(DUE, STEP, initial_buffer_time=0.2)
+    struck = [(C4, 4, 6, 0.22, 0.3, 0), (D4, 6, 8, 0.33, 0.4, 1)]
+    both = replace(played(struck, steps=len(late), pedal=[5, 6, 7]), roll=late, score=DUE)
+    found = both.musicianship()
+    assert found["onset_error_mean_right_ms"] == pytest.approx(15.0)
+    assert (found["note_offset_f1"], found["pedal_f1"]) == pytest.approx((0.5, 1.0))
+    first = replace(played(struck[:1], steps=6), roll=late, score=DUE)
+    assert first.musicianship()["note_offset_f1"] == 1.0
+    assert all(map(math.isnan, replace(played([], steps=3), roll=late).musicianship(DUE).values()))
+
+
+def test_without_its_score_musicianship_asks_for_it():
+    piece = played([(C4, 0, 2, 0.03, 0.1, 0)])
+    with pytest.raises(RunError, match="recorded without its score"):
+        piece.musicianship()
+    assert piece.musicianship(DUE)["onset_error_mean_right_ms"] == pytest.approx(30.0)

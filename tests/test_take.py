@@ -49,6 +49,8 @@ def test_a_take_comes_back_from_its_file(take):
                 assert np.array_equal(value, other, equal_nan=value.dtype.kind == "f"), field.name
                 assert value.dtype == other.dtype
     assert found.piano.roll.equals(take.piano.roll)
+    assert found.piano.score == take.piano.score
+    assert found.musicianship() == pytest.approx(take.musicianship(), nan_ok=True, abs=0)
     assert found.piano.metrics() == pytest.approx(take.piano.metrics(), nan_ok=True, abs=0)
 
 

@@ -18,6 +18,7 @@ from sb3_piano.cli.losses import HELP
 from sb3_piano.exceptions import SB3PianoError
 
 _PIECES_HELP = "piece to play instead of each run's own: its name, or a file such as MIDI"
+_MUSICAL_HELP = "also judge endings, loudness, chords, timing by hand, legato and pedal"
 _MOTION_HELP = "also write all motion to performance_<i>.npz beside each MIDI file"
 
 
@@ -36,6 +37,7 @@ def add_arguments(parser: Any) -> None:
     add("--tree")
     add("--motion", text=_MOTION_HELP)
     add("--metric", "NAME", "metrics to show, such as f1 onset_f1 return", nargs="+")
+    add("--musical", text=_MUSICAL_HELP)
     add("--losses", text=HELP)
     add("--csv", text="write one row per episode to a CSV file")
     add("--json")
@@ -54,6 +56,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     from sb3_piano.cli.evaluation_tables import show, show_losses
     from sb3_piano.metrics import DEFINITIONS
     from sb3_piano.metrics.episode import definition_of
+    from sb3_piano.metrics.musicianship import MUSICIANSHIP
     from sb3_piano.players import TreeSettings
     from sb3_piano.settings import refuse_unknown
     from sb3_piano.training.evaluation.evaluate import evaluate_runs
@@ -63,6 +66,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         players = [f"tree:{TreeSettings.parse(arguments.tree)}:{run}" for run in players]
     named = (n for n in arguments.metric or [] if definition_of(n).section != "Return")
     refuse_unknown(named, DEFINITIONS, "metric")  # reward terms may be of one's own
+    asked = not set(MUSICIANSHIP).isdisjoint(arguments.metric or ())
     seeds, scores = arguments.seeds or [arguments.seed], arguments.pieces or []
     count = sum(len(scores) or _n_pieces(run) for run in arguments.runs)
     arguments.no_progress |= count == 1
@@ -76,6 +80,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
             scores=scores,
             best=arguments.best,
             motion=arguments.motion,
+            musical=arguments.musical or asked,
             on_episode=lambda: tell(advance=1),
         )
     if found.evaluations:

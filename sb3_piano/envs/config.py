@@ -116,6 +116,8 @@ class PianoEnvConfig:
     """Terminate the episode when a key that is not due sounds."""
     randomize_hand_positions: bool = False
     """Start each episode with both hands moved along the keyboard by up to 5 cm."""
+    musicianship: bool = False
+    """Whether the final ``info`` also has the numbers of musicianship (docs/musicianship.md)."""
     width: PictureWidth = 640
     """Width of a rendered picture, pixels; at most 1920."""
     height: PictureHeight = 360

@@ -41,6 +41,7 @@ class Goal:
         self.source = score
         """The score as given."""
         self.score = score = fingered(part_of_hands(score, config), config)
+        """The score to play, with its fingers."""
         self.roll: PianoRoll = roll_of(score, config)
         """Piano roll to play, by which the metrics judge."""
         self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll
@@ -49,6 +50,7 @@ class Goal:
         if self.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
         self.forearm_reward: bool = config.forearm_reward
+        self.musicianship = config.musicianship
         self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
         """Goal of each control step."""
         weights = config.reward_weights
@@ -69,6 +71,11 @@ class Goal:
             return self.roll
         fingering = "ergonomic" if self.score.has_fingering else "robot"
         return roll_of(fingered(self.score, self._config, fingering), self._config)
+
+    @functools.cached_property
+    def timed_score(self) -> Score:
+        """The score that :attr:`roll` was made of; the initial silence is in the roll alone."""
+        return self.score.trim_silence() if self._config.trim_silence else self.score
 
     def __len__(self) -> int:
         """Return the number of control steps of the episode."""

@@ -215,13 +215,15 @@ class EpisodeRecord:
             release_time=releases,
             press_finger=fingers,
             title=self._goal.score.title,
+            score=self._goal.timed_score,
         )
 
     def summary(self) -> dict[str, float]:
         """Compute the music metrics and the returns by name, as in the final ``info``."""
-        returns = self._sums()
+        returns, performance = self._sums(), self.performance()
         return {
-            **self.performance().metrics(),
+            **performance.metrics(),
+            **(performance.musicianship() if self._goal.musicianship else {}),
             "normalized_return": normalized_return(sum(returns), self._goal.highest_return),
             **{RETURN_PREFIX + n: sum_ for n, sum_ in zip(self._goal.terms, returns, strict=True)},
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,10 +76,10 @@ def definition_of(name: str) -> Definition:
 def has_value(name: str, metrics: Mapping[str, float]) -> bool:
     """Return whether a metric is defined for an episode, given all its metrics.
 
-    Timing needs a hit; the agreement of fingers a key that sounds when it is due.
+    Timing needs a hit; the agreement of fingers a key that sounds when it is due. NaN is none.
     """
-    needed = _NEEDED.get(name)
-    return name in metrics and (needed is None or metrics.get(needed) != 0)
+    needed, value = _NEEDED.get(name), metrics.get(name, math.nan)
+    return not math.isnan(value) and (needed is None or metrics.get(needed) != 0)
 
 
 _NEEDED = {

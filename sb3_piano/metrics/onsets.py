@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.metrics.presses import presses_of
 
 IntPairs = npt.NDArray[np.intp]
@@ -24,6 +26,7 @@ Row = tuple[int, list[int]]
 """First event of b close to one of a; worth of the pair with it and with each that follows,
 0 where there can be no pair."""
 
+_Condition = Callable[[IntArray, IntArray], BoolArray]
 
 ONSET_TOLERANCE = 0.05
 """Distance from its target onset within which a strike hits, in s. Source:
@@ -90,7 +93,17 @@ def onsets_of(active: npt.ArrayLike, control_timestep: float) -> Onsets:
     return Onsets(time=presses.first.astype(np.float64) * control_timestep, key=presses.key)
 
 
-def match_onsets(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERANCE) -> IntPairs:
+def rounded_distance(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return distances of times, s, rounded to ticks."""
+    return np.rint(np.abs(a - b) * ONSET_TICKS_PER_S) / ONSET_TICKS_PER_S
+
+
+def match_onsets(
+    target: Onsets,
+    played: Onsets,
+    tolerance: float = ONSET_TOLERANCE,
+    also: _Condition | None = None,
+) -> IntPairs:
     """Pair target onsets with the strikes that hit them.
 
     A strike can hit a target onset of its own key at most ``tolerance`` away (the bound included,
@@ -106,6 +119,7 @@ def match_onsets(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERA
         target: n target onsets.
         played: m strikes.
         tolerance: Greatest distance of a hit, in s, at least 0.
+        also: A further condition: (p,) bool from (p,) indices of target and (p,) of played.
 
     Returns:
         (k, 2) indices of target and of played, ordered by target.
@@ -123,7 +137,8 @@ def match_onsets(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERA
     order_a, order_b = (np.lexsort((one.time, one.key)) for one in (target, played))
     a = Onsets(target.time[order_a], target.key[order_a])
     b = Onsets(played.time[order_b], played.key[order_b])
-    pairs = np.array(_best_path(_close_rows(a, b, tolerance)), dtype=np.intp).reshape(-1, 2)
+    given = None if also is None else lambda row, column: also(order_a[row], order_b[column])
+    pairs = np.array(_best_path(_close_rows(a, b, tolerance, given)), dtype=np.intp).reshape(-1, 2)
     matched = np.stack([order_a[pairs[:, 0]], order_b[pairs[:, 1]]], axis=1)
     return matched[np.argsort(matched[:, 0])]
 
@@ -184,7 +199,7 @@ def _ratio(numerator: int, denominator: int) -> float:
     return numerator / denominator if denominator else 1.0
 
 
-def _close_rows(a: Onsets, b: Onsets, tolerance: float) -> list[Row]:
+def _close_rows(a: Onsets, b: Onsets, tolerance: float, also: _Condition | None) -> list[Row]:
     """Return a row for each event of a; events are sorted by key, then time."""
     # One axis for all keys, those of different keys out of each other's reach.
     times = np.concatenate([a.time, b.time])
@@ -198,6 +213,8 @@ def _close_rows(a: Onsets, b: Onsets, tolerance: float) -> list[Row]:
     column = np.arange(len(row)) - starts[row] + first[row]
     ticks = np.rint(np.abs(a.time[row] - b.time[column]) * ONSET_TICKS_PER_S)
     close = ticks / ONSET_TICKS_PER_S <= tolerance
+    if also is not None:
+        close &= also(row, column)
     # A pair more outweighs all distances together.
     pair = len(a.key) * (round(tolerance * ONSET_TICKS_PER_S) + 1) + 1
     worth = np.where(close, pair - ticks, 0).astype(np.int64).tolist()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from typing import Any
@@ -129,11 +129,19 @@ class Score:
             raise ScoreError(
                 f"Cannot stretch {self.title!r} by {factor}: expected a finite factor above 0."
             )
+        return self.warp(lambda time: time * factor, f"stretched by {factor}")
+
+    def warp(self, times: Callable[[float], float], how: str = "warped") -> Score:
+        """Map all times by an increasing function, s to s; bar lines before 0 s are dropped.
+
+        Raises:
+            ScoreError: If a note gets a time before 0 s, or no length; `how` names the function.
+        """
         notes = [
             located_note(
-                f"Note {index} of {self.title!r} stretched by {factor}",
-                onset=note.onset * factor,
-                offset=note.offset * factor,
+                f"Note {index} of {self.title!r} {how}",
+                onset=times(note.onset),
+                offset=times(note.offset),
                 pitch=note.pitch,
                 velocity=note.velocity,
                 finger=note.finger,
@@ -143,9 +151,9 @@ class Score:
         ]
         return Score(
             notes=notes,
-            pedals=[Pedal(onset=p.onset * factor, offset=p.offset * factor) for p in self.pedals],
+            pedals=[Pedal(onset=times(p.onset), offset=times(p.offset)) for p in self.pedals],
             title=self.title,
-            bars=[line * factor for line in self.bars],
+            bars=[line for line in map(times, self.bars) if line >= 0],
         )
 
     def trim_silence(self) -> Score:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sb3_piano.array_files import read_arrays
 from sb3_piano.arrays import Float32Array, FloatArray, IntArray
@@ -189,6 +190,19 @@ class Take:
         """F1 of the strikes, within 50 ms."""
         return self.metrics["onset_f1"]
 
+    def musicianship(self, score: Score | None = None) -> dict[str, float]:
+        """Compute endings, loudness, chords, timing, legato and pedal by name; NaN if undefined.
+
+        They are the numbers of :meth:`~sb3_piano.performance.Performance.musicianship`.
+
+        Args:
+            score: The piece, for a take that was recorded without it.
+
+        Raises:
+            RunError: If the piece is neither known nor given, or the environment was no piano.
+        """
+        return self.piano.musicianship(score)
+
     def save_midi(self, path: str | os.PathLike[str]) -> None:
         """Write the notes and the pedal as a MIDI file of one track.
 
@@ -278,10 +292,11 @@ class Take:
         arrays = {f"performance_{name}": getattr(performance, name) for name in _OF_PERFORMANCE}
         arrays |= {f"roll_{name}": getattr(roll, name) for name in _OF_ROLL}
         arrays |= vars(motion)
-        text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+        if performance.score is not None:
+            arrays["score"] = _packed(dataclasses.asdict(performance.score))
         write: Any = np.savez_compressed  # its stub takes the names of arrays for options
         try:
-            write_atomically(Path(path), lambda file: write(file, header=text, **arrays))
+            write_atomically(Path(path), lambda file: write(file, header=_packed(header), **arrays))
         except OSError as error:
             raise ConfigError(
                 f"Cannot write '{path}': {error.strerror}; expected a file in a writable folder."
@@ -320,9 +335,11 @@ class Take:
             early_releases=early,
             **{name: arrays[f"roll_{name}"] for name in _OF_ROLL},
         )
+        score = json.loads(arrays["score"].tobytes()) if "score" in arrays else None
         performance = Performance(
             roll=roll,
             title=header["title"],
+            score=None if score is None else Score.from_fields(score),
             **{name: arrays[f"performance_{name}"] for name in _OF_PERFORMANCE},
         )
         steps, presses = len(motion.actions), len(performance.presses.key)
@@ -339,6 +356,11 @@ class Take:
         if take.qpos.shape[1] != take.scene.model.nq:
             raise ValueError(f"its scene has {take.scene.model.nq} joints")
         return take
+
+
+def _packed(content: Any) -> npt.NDArray[np.uint8]:
+    """Return JSON as an array of a file."""
+    return np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
 
 
 Progress = Callable[[int, int], object]

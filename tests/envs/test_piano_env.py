@@ -22,6 +22,7 @@ from sb3_piano.exceptions import (
     SimulationDivergedError,
 )
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.metrics.musicianship import MUSICIANSHIP
 from sb3_piano.music import Note, Score
 
 # Three control steps of middle C by the right thumb, then two of E by the left index finger with
@@ -98,6 +99,15 @@ def test_the_song_ends_in_truncation_after_its_last_step_with_all_numbers_in_inf
     # Nothing was pressed: of six steps one is silent, and four have no pedal.
     assert (info["precision"], info["recall"], info["f1"]) == pytest.approx((1, 1 / 6, 1 / 6))
     assert info["sustain_f1"] == pytest.approx(4 / 6)
+
+
+def test_musicianship_is_in_the_last_info_where_it_is_asked_for(env):
+    for asked in (PianoEnv(TINY, musicianship=True), env):
+        asked.reset(seed=0)
+        info = [asked.step(asked.rest_action)[-1] for _ in range(6)][-1]
+        names = MUSICIANSHIP if asked is not env else ()
+        assert set(MUSICIANSHIP) & set(info) == set(names)
+        assert all(type(info[name]) is float for name in names)
 
 
 def test_returns_belong_to_their_terms_in_whatever_order_these_come(env, monkeypatch):

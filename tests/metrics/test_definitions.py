@@ -8,12 +8,13 @@ from yaml_rows import Tables
 from sb3_piano.envs import RETURN_KEYS
 from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS
 from sb3_piano.metrics.episode import has_value
+from sb3_piano.metrics.musicianship import MUSICIANSHIP
 
 tables = Tables(__file__)
 
 
 def test_every_number_of_an_episode_is_defined_and_no_other():
-    expected = [*EPISODE_METRICS, *RETURN_KEYS, "return", "length"]
+    expected = [*EPISODE_METRICS, *MUSICIANSHIP, *RETURN_KEYS, "return", "length"]
     assert sorted(DEFINITIONS) == sorted(expected)
     assert all(name == definition.name for name, definition in DEFINITIONS.items())
 
@@ -29,7 +30,7 @@ def test_no_two_numbers_have_the_same_words():
 def test_what_is_about_the_same_stands_together():
     of_each = [definition.section for definition in DEFINITIONS.values()]
     sections = [section for section, _ in itertools.groupby(of_each)]
-    assert len(set(sections)) == len(sections) == 5
+    assert len(set(sections)) == len(sections) == 6
 
 
 @pytest.mark.parametrize("definition", DEFINITIONS.values(), ids=DEFINITIONS)

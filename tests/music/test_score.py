@@ -109,6 +109,15 @@ class TestStretch:
             three_notes().stretch(factor)
 
 
+def test_a_warp_moves_all_times_and_leaves_out_bar_lines_before_the_start():
+    score = three_notes(pedals=[Pedal(onset=1.5, offset=2)], bars=[0, 1, 2])
+    moved = score.warp(lambda time: 2 * time - 1)
+    assert [(n.onset, n.offset) for n in moved.notes] == [(1, 3), (3, 7), (3, 4)]
+    assert (moved.pedals, moved.bars) == ((Pedal(onset=2, offset=3),), (1, 3))
+    with pytest.raises(ScoreError, match=r"Note 0 of .* warped: onset -1.0 is no time"):
+        score.warp(lambda time: time - 2)
+
+
 def test_without_silence_the_first_note_starts_at_zero_and_pedals_move_or_are_cut():
     pedals = [(0, 0.5), (0.75, 1.5), (2, 3)]
     trimmed = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals]).trim_silence()

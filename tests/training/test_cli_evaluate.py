@@ -71,6 +71,19 @@ def test_losses_are_shown_as_shares_of_what_the_file_counts(piano_run, call, tmp
     assert len(table) == sum(map(len, found.values())) > 0
 
 
+def test_musical_numbers_join_the_table_and_the_file(piano_run, call, tmp_path):
+    piano_run(LOUD)
+    code, out, err = call("evaluate run --musical")
+    assert (code, err) == (0, "")
+    mean = metrics_of("run", tmp_path)["mean"]
+    assert ["share of the time with pedal", rounded("pedal_share", mean["pedal_share"]), "-"] in (
+        rows_of(out)
+    )
+    assert "chord_order" not in mean, "the duet has no arpeggio"
+    assert call("evaluate run --metrics note_offset_f1 f1")[0] == 0
+    assert mean["note_offset_f1"] == metrics_of("run", tmp_path)["mean"]["note_offset_f1"]
+
+
 def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call, tmp_path):
     piano_run(LOUD)
     code, out, err = call("evaluate run")

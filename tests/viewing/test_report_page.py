@@ -1,13 +1,16 @@
 """The report's page: all that it should say, harmless, and in need of nothing else."""
 
+import dataclasses
 import re
 
 import numpy as np
 from html_page import Page
-from report_parts import C4, metrics_of, note, performance, resting, three_notes
+from report_parts import C4, E4, STEP, metrics_of, note, performance, resting, three_notes
+from short_scores import score_of
 from yaml_rows import Tables
 
 from sb3_piano.metrics.episode import FINGER_SHARES, has_value
+from sb3_piano.music import PianoRoll
 from sb3_piano.viewing.report import Curve, Report, report_html
 from sb3_piano.viewing.report.page import definition_of, formatted
 
@@ -54,6 +57,16 @@ def test_each_number_stands_beside_what_playing_nothing_scores_and_what_it_means
     alone = Page(report_html(report(baseline=None))).text
     assert alone.count("playing nothing") == 1  # what the no-op F1 is
     assert f"F1 {formatted('f1', made.metrics['f1'])} Frame F1" in alone
+
+
+def test_musicianship_stands_there_if_the_score_is_known():
+    score = score_of((0.0, 1.0, 60, 0), (0.0, 1.0, 64, 2), title="third")
+    presses = [(C4, 0.01, 0.8, 0), (E4, 0.02, 0.8, 2)]
+    played = performance([], presses, roll=PianoRoll.from_score(score, STEP))
+    assert "chord spread" not in Page(report_html(report(played))).text.lower()
+    text = Page(report_html(report(dataclasses.replace(played, score=score)))).text
+    assert f"Chord spread 10.0 ms {NONE} Time between" in text.replace("\N{NO-BREAK SPACE}", " ")
+    assert f"Order in chords {NONE} {NONE}" in text, "both are due at one time"
 
 
 def test_what_did_not_happen_is_told_in_words_and_dashes():

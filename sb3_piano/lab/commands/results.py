@@ -61,6 +61,14 @@ def add_arguments(parser: Any) -> None:
     add("file", "FILE", "file of results", Path)
     add("--physics", "NAME", "physics profile", default="reference")
     add("--origin", text="also show the origin of each result")
+    about = "judge people, and players of the same pieces, by recordings with beats, as of (n)ASAP"
+    add = add_command(parts, "human", _human, about, epilog=TRUST)
+    add("folder", "FOLDER", "folder with a folder for each piece", Path)
+    add("--players", "PLAYER", f"{_PLAYERS_HELP}; refined-N after N passes", nargs="+", default=[])
+    add("--performed", text="players copy the recording; default: they play the score in its tempo")
+    add("--seconds", "S", "length of the beginning that counts; default: 60", float, 60.0)
+    add("--out", "FILE.json", "output file; what it has is not played again", Path)
+    add("--no-progress")
 
 
 _PLAYERS_HELP = "planned, sampling-32, sight-reader, sight-reader-tree, or a run's folder"
@@ -161,6 +169,33 @@ def _table(arguments: argparse.Namespace) -> int:
     print(score_table(found), aggregate_table(found), sep="\n\n")
     if arguments.origin:
         print("", origin_table(found), sep="\n")
+    return EXIT_OK
+
+
+def _human(arguments: argparse.Namespace) -> int:
+    from sb3_piano.lab.results import human
+    from sb3_piano.settings import Positive, checked
+
+    check_output_file("--out", arguments.out)
+    seconds = checked("--seconds", arguments.seconds, Positive)
+    target = human.TARGETS[arguments.performed]
+    found = human.read(arguments.out, seconds)
+    pieces = list(human.recordings(arguments.folder, seconds))
+    names = {piece.name for piece in pieces}
+    people = [human.judge_person(piece) for piece in pieces]
+    with progress_bar(arguments, "pieces") as tell:
+        tell(completed=0, total=len(pieces) * len(arguments.players))
+        for player in arguments.players:
+            for piece in pieces:
+                key = (piece.name, target, player)
+                if key not in found:
+                    found[key] = human.judge_player(piece, target, player)
+                    human.write(arguments.out, seconds, found.values())
+                tell(advance=1)
+    players = [j for j in found.values() if j.piece in names and j.player in arguments.players]
+    print(human.table([*people, *players], target))
+    if players:
+        print("", human.differences([*people, *players], target), sep="\n")
     return EXIT_OK
 
 

@@ -47,6 +47,7 @@ def evaluate(
     score: Score | str | os.PathLike[str] | None = None,
     best: str | None = None,
     motion: bool = False,
+    musical: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluation:
     """Evaluate a saved run with its deterministic policy, or another player.
@@ -72,11 +73,13 @@ def evaluate(
         score: Piece to play instead of the run's own.
         best: Use the best model by this metric, such as "f1", instead of the last.
         motion: Also write ``evaluation/performance_<i>.npz``, the whole take.
+        musical: Also compute the numbers of :meth:`Take.musicianship
+            <sb3_piano.viewing.take.Take.musicianship>`; undefined ones are left out.
         on_episode: Called after each episode.
 
     Raises:
         ConfigError: If ``episodes`` or ``seed`` is out of range, the run's config is damaged, or
-            ``motion`` is true for another piece or without a piano.
+            ``motion`` is true for another piece or without a piano, or ``musical`` without one.
         RunError: If there is no run, its model cannot be loaded, its observation cannot show the
             score, or its folder cannot be written.
         ScoreError: If the score cannot be read.
@@ -91,6 +94,7 @@ def evaluate(
         best=best,
         episodes=episodes,
         motion=motion,
+        musical=musical,
         on_episode=on_episode,
     )
     return evaluation
@@ -106,6 +110,7 @@ def evaluate_runs(
     scores: Sequence[Score | str | os.PathLike[str]] = (),
     best: str | None = None,
     motion: bool = False,
+    musical: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluations:
     """Evaluate several runs or players, each on its own pieces or on the given ones.
@@ -138,6 +143,7 @@ def evaluate_runs(
                 best=best,
                 episodes=episodes,
                 motion=motion,
+                musical=musical,
                 on_episode=on_episode,
             )
             found += evaluation.by_piece or [evaluation]
@@ -215,6 +221,7 @@ def _evaluated(
     best: str | None,
     episodes: int,
     motion: bool,
+    musical: bool,
     on_episode: Callable[[], object],
 ) -> tuple[Evaluation, list[_Error]]:
     """Evaluate a run on all its pieces, or on a given one; also return the errors.
@@ -246,7 +253,7 @@ def _evaluated(
             with OpenPlayer.open(player, env, score=source(), **options) as opened:
                 if alone and run is not None:
                     _try_out(run.evaluation_dir)  # before the work of playing
-                return play_piece(opened, episodes, seeds, motion, on_episode)
+                return play_piece(opened, episodes, seeds, motion, musical, on_episode)
         except Exception as error:
             if not keep_going:
                 raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -21,15 +22,16 @@ def play_piece(
     episodes: int,
     seeds: Sequence[int],
     motion: bool,
+    musical: bool,
     on_episode: Callable[[], object],
 ) -> tuple[Evaluation, list[Take]]:
     """Play episodes until done or Ctrl-C; return their evaluation and the episodes.
 
     Raises:
-        ConfigError: If ``motion`` is true, but the environment is no piano.
+        ConfigError: If ``motion`` or ``musical`` is true, but the environment is no piano.
         KeyboardInterrupt: If no episode was finished before Ctrl-C.
     """
-    played, resting = _played(player, episodes, seeds, motion, on_episode)
+    played, resting = _played(player, episodes, seeds, motion, musical, on_episode)
     whole = len(played) == episodes * len(seeds)
     return _evaluation(player, played, resting, interrupted=not whole), played
 
@@ -39,9 +41,9 @@ def summaries(metrics: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
     return {
         name: summarize(
             [each[name] for each in metrics if has_value(name, each)]
-            or [each[name] for each in metrics]
+            or [each[name] for each in metrics if name in each]
         )
-        for name in metrics[0]
+        for name in dict.fromkeys(name for each in metrics for name in each)
     }
 
 
@@ -50,16 +52,21 @@ def _played(
     episodes: int,
     seeds: Sequence[int],
     motion: bool,
+    musical: bool,
     on_episode: Callable[[], object],
 ) -> tuple[list[Take], Take | None]:
     """Play until done or Ctrl-C; return at least one episode, and one of resting hands."""
     played: list[Take] = []
     resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
-    if motion and resting is None:
-        raise ConfigError(f"{player.named} is of no piano: expected no motion=True.")
+    for name, wanted in (("motion", motion), ("musical", musical)):
+        if wanted and resting is None:
+            raise ConfigError(f"{player.named} is of no piano: expected no {name}=True.")
     try:
         for one in seeds:
             for take in player.episodes(episodes, seed=one):
+                if musical:
+                    defined = {n: v for n, v in take.musicianship().items() if not math.isnan(v)}
+                    take = dataclasses.replace(take, metrics={**take.metrics, **defined})
                 played.append(take if motion else dataclasses.replace(take, motion=None))
                 on_episode()
     except KeyboardInterrupt:

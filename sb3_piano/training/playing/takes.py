@@ -198,6 +198,7 @@ def take_of_score(score: Score, *, physics: str = "reference") -> Take:
         release_time=np.multiply(presses_of(roll.active).end, roll.control_timestep, dtype=float),
         press_finger=roll.finger,
         title=score.title,
+        score=score,
     )
     steps, tips = len(roll), np.zeros((len(qpos), NUM_FINGERS, 3))
     actions = np.zeros((steps, scene.model.nu), dtype=np.float32)

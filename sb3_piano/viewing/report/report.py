@@ -77,6 +77,8 @@ class Report:
 def report_html(report: Report) -> str:
     """Render the report as one page, which needs no network."""
     performance, metrics, baseline = report.performance, report.metrics, report.baseline
+    if performance.score is not None:
+        metrics = {**metrics, **performance.musicianship()}
     notes, presses = judge(performance)
     columns = {PLAYED: metrics} if baseline is None else {PLAYED: metrics, NOTHING: baseline}
     return render(

@@ -112,6 +112,11 @@ class BatchedPiano:
                 f"Reward term {next(iter(env.config.reward_terms))!r} sees one environment and "
                 "cannot be batched: expected no reward_terms; or single environments."
             )
+        if env.config.reward_weights.get("dynamics"):
+            raise ConfigError(
+                "Reward term 'dynamics' needs the keys' speeds and cannot be batched: expected its "
+                "weight to be 0; or single environments."
+            )
         self.piano: PianoEnv = env
         """The single environment: scene, spaces and settings; it is not one of the worlds."""
         if moving_keys is not None:

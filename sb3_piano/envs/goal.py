@@ -11,6 +11,7 @@ from sb3_piano.envs.score_choice import fingered, part_of_hands
 from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
+from sb3_piano.music.pedalling import pedalled
 
 
 class StepGoal(NamedTuple):
@@ -40,7 +41,8 @@ class Goal:
         self._config = config
         self.source = score
         """The score as given."""
-        self.score = score = fingered(part_of_hands(score, config), config)
+        score = pedalled(fingered(part_of_hands(score, config), config), config.pedal)
+        self.score = score
         self.roll = roll_of(score, config)
         """Piano roll to play, by which the metrics judge."""
         self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll
@@ -71,6 +73,11 @@ class Goal:
             return self.roll
         fingering = "ergonomic" if self.score.has_fingering else "robot"
         return roll_of(fingered(self.score, self._config, fingering), self._config)
+
+    @property
+    def adds_pedal(self) -> bool:
+        """Whether the score has no pedal, but gets one by ``pedal="auto"``."""
+        return bool(self.score.pedals) and not self.source.pedals
 
     def __len__(self) -> int:
         """Return the number of control steps of the episode."""

@@ -2,7 +2,7 @@
 
 The reward of a control step is the sum over the terms of ``weight * term``. With the default
 weights each weighted term equals RoboPianist's (without hands ``SelfActuatedPiano``'s).
-``strike`` is new, with the default weight 0.
+``strike`` and ``dynamics`` are new, with the default weight 0.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from sb3_piano.envs import rewards
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.imports import import_instance
 from sb3_piano.metrics.episode import RETURN_PREFIX
+from sb3_piano.metrics.presses import strike_speeds
+from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.settings import Number, Unit, checked
 from sb3_piano.simulation import PianoScene, Simulation
 
@@ -162,6 +164,28 @@ def _strike(step: StepView) -> float:
     return float(hits - misses)
 
 
+_UNLIKE = 30.0
+"""Difference of MIDI velocities from which on a strike is worth nothing: more than twice as fast."""
+
+
+def _dynamics(step: StepView) -> float:
+    """Reward strikes in time that are as loud as their notes.
+
+    Each is worth 1 less its share of a difference of 30 MIDI velocities, at least 0.
+    """
+    keys = step.record.hit_keys
+    if not keys:
+        return 0.0
+    simulation, scene, roll = step.simulation, step.scene, step.goal.roll
+    angles = scene.angles_of([simulation.key_angles_before, *simulation.key_angles])[None]
+    moved = strike_speeds(angles, angles[:, 1:] >= scene.key_sounding_angle)[0]
+    # A strike in time is at most a control step beside the first one of its note.
+    near = roll.velocity[max(step.number - 1, 0) : step.number + 2, keys].max(axis=0)
+    speeds = (moved[keys] / scene.model.opt.timestep).tolist()
+    pairs = zip(near.tolist(), speeds, strict=True)
+    return sum(max(1.0 - abs(due - velocity_of(speed)) / _UNLIKE, 0.0) for due, speed in pairs)
+
+
 def _distance(step: StepView) -> float:
     """Return the negative Euclidean distance between sounding and due keys (and pedal)."""
     return -math.sqrt(_mistakes(step))
@@ -207,13 +231,17 @@ TERMS: Mapping[str, Term] = {
     "fingering": Term(_fingering, 1.0, _best_fingering),
     "forearm": Term(_forearm, 0.5, _best_forearm),
     "strike": Term(_strike, 0.0, _best_strike),
+    "dynamics": Term(_dynamics, 0.0, _best_strike),
 }
 """Terms of scenes with hands."""
 
 SELF_ACTUATED_TERMS: Mapping[str, Term] = {
     "distance": Term(_distance, 1.0),
     "log_likelihood": Term(_log_likelihood, 0.0),
-    **{n: dataclasses.replace(TERMS[n], weight=0.0) for n in ("key_press", "sustain", "strike")},
+    **{
+        name: dataclasses.replace(TERMS[name], weight=0.0)
+        for name in ("key_press", "sustain", "strike", "dynamics")
+    },
 }
 """Terms of scenes without hands, where actuators drive the keys."""
 
@@ -223,8 +251,8 @@ def _weights(terms: Mapping[str, Term]) -> Mapping[str, float]:
 
 
 DEFAULT_REWARD_WEIGHTS = _weights(TERMS)
-"""RoboPianist's weights. ``energy`` is in watts and ``strike`` counts strikes; the other terms are
-in [0, 1]."""
+"""RoboPianist's weights. ``energy`` is in watts ``strike`` counts strikes, and so does
+``dynamics``; the other terms are in [0, 1]."""
 
 SELF_ACTUATED_REWARD_WEIGHTS = _weights(SELF_ACTUATED_TERMS)
 """Weights of scenes without hands, where actuators drive the keys. ``distance`` is RoboPianist's

@@ -165,7 +165,7 @@ def _strike(step: StepView) -> float:
 
 
 _UNLIKE = 30.0
-"""Difference of MIDI velocities from which on a strike is worth nothing: more than twice as fast."""
+"""Difference of MIDI velocities from which on a strike is worth nothing: 2.3 times the speed."""
 
 
 def _dynamics(step: StepView) -> float:

@@ -47,8 +47,8 @@ _LONG_RUN = 24
 _HURRY = 1
 """Control steps by which leaps are shorter in the second plan, with the fingers' full span."""
 
-_TOUCH_STEPS, _TOUCH_TAKEN, _TOUCH_ROUNDS = 5, 2, 2
-"""In the pass for dynamics: simulated control steps, those of them that are played, and rounds."""
+_TOUCH_STEPS, _TOUCH_TAKEN, _TOUCH_ROUNDS = 5, 2, 4
+"""In the pass for dynamics: simulated control steps, those of them that are played, most rounds."""
 _TOLERANCE = 5.0
 """Difference from a note's velocity from which on that pass searches."""
 
@@ -215,31 +215,29 @@ class Refinement:
 
     def _touched(self, place: _Place, random: np.random.Generator) -> Way:
         """Search the changes of the next strikes that make them as loud as their notes."""
-        steps = min(_TOUCH_STEPS, len(self.plan) - place.step)
-        which = self._touches.near(place.step, steps)
-        of_hand = self._touches.hand[which]
+        touches, steps = self._touches, min(_TOUCH_STEPS, len(self.plan) - place.step)
+        which = touches.near(place.step, steps)
 
-        def tried(
-            options: list[FloatArray],
-        ) -> list[tuple[FloatArray, FloatArray, FloatArray, Way]]:
-            make = self._touches.way
-            ways = [make(place.followed, place.step, steps, which, one) for one in options]
+        def tried(options: list[FloatArray]) -> list[_Touched]:
+            ways = [touches.way(place.followed, place.step, steps, which, one) for one in options]
             found = self._tried(place, ways)
-            return list(zip(options, found.cost, found.missing, found.ways, strict=True))
+            wrong = (found.mistakes > 0) | (np.abs(found.missing) > _TOLERANCE).any(axis=(1, 2))
+            columns = (options, found.cost, found.missing, found.ways, wrong.tolist())
+            return [_Touched(*row) for row in zip(*columns, strict=True)]
 
-        found = self._tried(place, [place.followed.cut(slice(place.step, place.step + steps))])
-        best = np.zeros((len(which), 2)), found.cost[0], found.missing[0], found.ways[0]
-        wrong = found.mistakes[0] > 0 or (np.abs(found.missing[0]) > _TOLERANCE).any()
-        for _ in range(_TOUCH_ROUNDS if len(which) and wrong else 0):
-            centre, cost, missing, _ = best
-            found_now = tried(self._touches.drawn(centre, which, place.step, missing, random))
-            joined = centre.copy()
-            for hand, stay in enumerate(cost):
-                winner = min(found_now, key=lambda one, hand=hand: one[1][hand])
-                if winner[1][hand] < stay:
-                    joined[of_hand == hand] = winner[0][of_hand == hand]
-            best = min([best, *found_now, *tried([joined])], key=lambda one: float(one[1].sum()))
-        return best[3]
+        (best,) = tried([np.zeros((len(which), 2))])
+        for _ in range(_TOUCH_ROUNDS):
+            if not (best.wrong and len(which)):
+                break
+            drawn = touches.drawn(best.heights, which, place.step, best.missing, random)
+            found, joined = tried(drawn), best.heights.copy()
+            for hand in range(len(best.cost)):
+                own = touches.hand[which] == hand
+                costs = [float(one.cost[hand]) for one in (best, *found)]
+                joined[own] = (best, *found)[int(np.argmin(costs))].heights[own]
+            found += [best, *tried([joined])]
+            best = min(found, key=lambda one: float(one.cost.sum()))
+        return best.way
 
     def _search(self, place: _Place, random: np.random.Generator) -> Way:
         """Search the best continuation from a place.
@@ -325,6 +323,21 @@ class _Tried(NamedTuple):
     """(m,) number of wrong keys, over all control steps."""
     missing: FloatArray
     """(m, s, 88) MIDI velocities by which strikes are too soft."""
+
+
+class _Touched(NamedTuple):
+    """Simulated change of the k next strikes."""
+
+    heights: FloatArray
+    """(k, 2) its heights, m; see :class:`Touches`."""
+    cost: FloatArray
+    """(h,) cost of each hand."""
+    missing: FloatArray
+    """(s, 88) MIDI velocities by which strikes are too soft."""
+    way: Way
+    """The simulated motion."""
+    wrong: bool
+    """Whether a key is wrong, or a strike too soft or too loud."""
 
 
 _Search = Callable[[_Place, np.random.Generator], Way]

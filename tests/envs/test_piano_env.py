@@ -102,7 +102,7 @@ def test_the_song_ends_in_truncation_after_its_last_step_with_all_numbers_in_inf
 
 def test_returns_belong_to_their_terms_in_whatever_order_these_come(env, monkeypatch):
     terms = {"fingering": 3.0, "energy": -20.0, "forearm": 0.0, "sustain": 1.0, "key_press": 0.5}
-    terms["strike"] = -2.0
+    terms |= {"strike": -2.0, "dynamics": 1.5}
     values = {name: functools.partial(lambda value, _: value, terms[name]) for name in terms}
     monkeypatch.setattr(env, "_terms", values)
     info = [env.step(env.rest_action)[-1] for _ in range(6)][-1]

@@ -1,5 +1,7 @@
 """Legato pedalling from the notes alone: up at changes of harmony and rests, down after them."""
 
+import dataclasses
+
 import pytest
 from short_scores import score_of
 
@@ -53,9 +55,8 @@ def test_bars_of_a_prelude_get_their_own_pedal():
 
 @pytest.mark.parametrize(("pedal", "expected"), [("score", 1), ("none", 0), ("auto", 1)])
 def test_a_written_pedal_stays_unless_none_is_asked_for(pedal, expected):
-    score = pedalled(chords(C_MAJOR, G_MAJOR), "auto")
-    written = pedalled(type(score)(notes=score.notes, pedals=[Pedal(0.0, 0.5)], title=""), pedal)
-    assert spans(written.pedals) == [(0.0, 0.5)] * expected
+    written = dataclasses.replace(chords(C_MAJOR), pedals=(Pedal(onset=0.0, offset=0.5),))
+    assert spans(pedalled(written, pedal).pedals) == [(0.0, 0.5)] * expected
 
 
 def test_an_environment_asks_for_this_pedal_and_says_so():

@@ -24,6 +24,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.imports import import_instance
 from sb3_piano.metrics.episode import RETURN_PREFIX
 from sb3_piano.metrics.presses import strike_speeds
+from sb3_piano.music import PianoRoll
 from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.settings import Number, Unit, checked
 from sb3_piano.simulation import PianoScene, Simulation
@@ -173,17 +174,19 @@ def _dynamics(step: StepView) -> float:
 
     Each is worth 1 less its share of a difference of 30 MIDI velocities, at least 0.
     """
-    keys = step.record.hit_keys
-    if not keys:
-        return 0.0
-    simulation, scene, roll = step.simulation, step.scene, step.goal.roll
+    goal, number, simulation = step.goal, step.number, step.simulation
+    return sum(as_loud(goal.roll, number, simulation, key) for key in step.record.hit_keys)
+
+
+def as_loud(roll: PianoRoll, step: int, simulation: Simulation, key: int) -> float:
+    """Return how near the loudness of a strike in a control step is to its note's, 0 to 1."""
+    scene = simulation.scene
     angles = scene.angles_of([simulation.key_angles_before, *simulation.key_angles])[None]
-    moved = strike_speeds(angles, angles[:, 1:] >= scene.key_sounding_angle)[0]
+    moved = strike_speeds(angles, angles[:, 1:] >= scene.key_sounding_angle)[0, key]
     # A strike in time is at most a control step beside the first one of its note.
-    near = roll.velocity[max(step.number - 1, 0) : step.number + 2, keys].max(axis=0)
-    speeds = (moved[keys] / scene.model.opt.timestep).tolist()
-    pairs = zip(near.tolist(), speeds, strict=True)
-    return sum(max(1.0 - abs(due - velocity_of(speed)) / _UNLIKE, 0.0) for due, speed in pairs)
+    due = int(roll.velocity[max(step - 1, 0) : step + 2, key].max())
+    away = abs(due - velocity_of(moved.item() / scene.model.opt.timestep))
+    return max(1.0 - away / _UNLIKE, 0.0)
 
 
 def _distance(step: StepView) -> float:

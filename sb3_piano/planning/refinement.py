@@ -49,7 +49,7 @@ _HURRY = 1
 
 _TOUCH_STEPS, _TOUCH_TAKEN, _TOUCH_ROUNDS = 5, 2, 4
 """In the pass for dynamics: simulated control steps, those of them that are played, most rounds."""
-_TOLERANCE = 5.0
+_TOLERANCE = 3.0
 """Difference from a note's velocity from which on that pass searches."""
 
 OnStep = Callable[[int, int, float], object]
@@ -226,6 +226,7 @@ class Refinement:
             return [_Touched(*row) for row in zip(*columns, strict=True)]
 
         (best,) = tried([np.zeros((len(which), 2))])
+        finalists = [(float(best.cost.sum()), best.way)]
         for _ in range(_TOUCH_ROUNDS):
             if not (best.wrong and len(which)):
                 break
@@ -237,7 +238,8 @@ class Refinement:
                 joined[own] = (best, *found)[int(np.argmin(costs))].heights[own]
             found += [best, *tried([joined])]
             best = min(found, key=lambda one: float(one.cost.sum()))
-        return best.way
+            finalists.append((float(best.cost.sum()), best.way))
+        return self._final(place, finalists)
 
     def _search(self, place: _Place, random: np.random.Generator) -> Way:
         """Search the best continuation from a place.

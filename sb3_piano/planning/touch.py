@@ -20,7 +20,7 @@ _LEAD = 2
 """Control steps by which they begin before the strike."""
 _LOUDER = np.array([0.4e-3, -0.3e-3])
 """Sizes of both for a strike louder by a MIDI velocity of 1, m."""
-_SHARES = (0.5, 1.0, 1.8)
+_SHARES = (0.5, 1.0, 2.5)
 """Shares of the missing velocity for which candidates make up."""
 _NOISE = 3e-3
 """Standard deviation of the other candidates' heights, m; times one of the sizes."""

@@ -4,7 +4,7 @@
     python benchmarks/dynamics.py --seconds 6 asap/*/performance.mid --out dynamics.csv
     python benchmarks/dynamics.py --listen BachMinuetG --out docs/gallery
 
-Each piece, or the beginning of it, is played twice: by ``planned`` and ``planned:dynamics=true``,
+Each piece, or the beginning of it, is played twice: by ``planned`` and ``planned:dynamics=1``,
 all joints, with fingers that suit the hands, on the reference physics. F1, onset F1, Pearson's
 correlation of due and struck MIDI velocity over the notes hit in time, and F1 of notes that are
 struck in time and as loud as due (``mir_eval.transcription_velocity``: due velocities scaled to
@@ -38,7 +38,7 @@ from sb3_piano.players import PlannedPianist
 
 FloatArray = npt.NDArray[np.float64]
 
-COLUMNS = ("piece", "dynamics", "f1", "onset_f1", "correlation", "velocity_f1", "cpu_s")
+COLUMNS = ("piece", "passes", "f1", "onset_f1", "correlation", "velocity_f1", "cpu_s")
 LISTEN_S, FACTOR, WINDOW_S = 10.0, 2, 0.1
 
 
@@ -54,7 +54,7 @@ def play(
         n_steps_lookahead=0,
         pedal=pedal,
     )
-    player = PlannedPianist(env, PlanSettings(dynamics=dynamics))
+    player = PlannedPianist(env, PlanSettings(dynamics=passes))
     observation, _ = env.reset(seed=0)
     over, info = False, {}
     while not over:
@@ -72,10 +72,10 @@ def velocities(played: Performance) -> tuple[FloatArray, FloatArray]:
     return roll.onset_velocity[pairs[:, 0]].astype(float), np.array(struck, dtype=float)
 
 
-def measure(score: Score, dynamics: bool) -> dict[str, float | str]:
+def measure(score: Score, passes: int) -> dict[str, float | str]:
     """Play a score and return its numbers."""
     began = time.process_time()
-    env, info = play(score, dynamics=dynamics)
+    env, info = play(score, passes=passes)
     played = env.performance
     due, struck = velocities(played)
     everyone = env.roll.onset_velocity.astype(float)
@@ -99,10 +99,10 @@ def listen(name: str, folder: Path) -> None:
 
     score = load_score(name).trim_silence().excerpt(0.0, LISTEN_S)
     stem = re.sub(r"\W+", "_", name).lower()
-    versions = {"flat": (False, "score"), "dynamics": (True, "score"), "pedal": (True, "auto")}
+    versions = {"flat": (0, "score"), "dynamics": (1, "score"), "pedal": (1, "auto")}
     _, (left, right) = plt.subplots(1, 2, figsize=(10, 3.4), layout="constrained")
-    for colour, (version, (dynamics, pedal)) in enumerate(versions.items()):
-        env, info = play(score, dynamics=dynamics, pedal=pedal)
+    for colour, (version, (passes, pedal)) in enumerate(versions.items()):
+        env, info = play(score, passes=passes, pedal=pedal)
         sound = synthesize(env.performance.to_score()).astype(float).mean(axis=1)
         heard = np.clip(decimate(sound, FACTOR), -1.0, 1.0)
         file = folder / f"{stem}_{version}.wav"
@@ -128,6 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pieces", nargs="*", help="names of pieces, or MIDI files")
     parser.add_argument("--seconds", type=float, default=float("inf"))
+    parser.add_argument("--passes", type=int, nargs="+", default=(0, 1), help="for dynamics")
     parser.add_argument("--listen", metavar="PIECE")
     parser.add_argument("--out", type=Path, required=True, help="CSV file; folder for --listen")
     given = parser.parse_args(arguments)
@@ -138,8 +139,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         writer = csv.DictWriter(file, COLUMNS)
         for piece in select_pieces(given.pieces):
             score = load_score(piece).trim_silence().excerpt(0.0, given.seconds)
-            for dynamics in (False, True):
-                row = {"piece": piece, "dynamics": dynamics, **measure(score, dynamics)}
+            for passes in given.passes:
+                row = {"piece": piece, "passes": passes, **measure(score, passes)}
                 writer.writerow(row)
                 file.flush()
                 print(row, flush=True)

@@ -7,7 +7,7 @@ The simulator is deterministic, so commands that work in simulation also work in
 the same physics. The first pass starts with the better parts of two plans, one of which has shorter
 leaps: only a simulation shows which length is enough.
 
-With :attr:`PlanSettings.dynamics` the first pass seeks the speeds of the strikes instead, and all
+With :attr:`PlanSettings.dynamics` the first passes seek the speeds of the strikes instead, and all
 passes rate them.
 """
 
@@ -98,9 +98,9 @@ class Refinement:
         self._scene, self._settings, self._seed = scene, settings, seed
         n_substeps = round(plan.roll.control_timestep / scene.model.opt.timestep)
         correction = Correction(plan.hands, settings.feedback, settings.lift)
-        self._roll_outs = RollOuts(scene, n_substeps, correction, n_threads, settings.dynamics)
+        self._roll_outs = RollOuts(scene, n_substeps, correction, n_threads, settings.dynamics > 0)
         self._variations = Variations(scene, _HORIZON)
-        self._rating = HandRating(plan, scene, self._variations.deviation, settings.dynamics)
+        self._rating = HandRating(plan, scene, self._variations.deviation, settings.dynamics > 0)
         self._touches = Touches(plan)
         self._best = self._played_plan(plan)
         self._other: _Played | None = None
@@ -140,7 +140,7 @@ class Refinement:
         dynamics = self._settings.dynamics
         while not over() and self.plan.passes != last and (self.f1 < 1 or dynamics):
             search = self._search
-            if self.plan.passes == 0 and dynamics:
+            if self.plan.passes < dynamics:
                 search = self._touched
             elif self.plan.passes == 0:
                 self._other = self._played_plan(self._hurried())
@@ -161,7 +161,7 @@ class Refinement:
     def _hurried(self) -> Plan:
         """Make another plan of the piece, with shorter leaps."""
         hurry = self._settings.hurry + _HURRY
-        settings = replace(self._settings, hurry=hurry, stretch=1.0, passes=0, dynamics=False)
+        settings = replace(self._settings, hurry=hurry, stretch=1.0, passes=0, dynamics=0)
         return make_plan(self.plan.roll, self._scene, settings)
 
     def _played_plan(self, plan: Plan) -> _Played:

@@ -42,9 +42,7 @@ COLUMNS = ("piece", "passes", "f1", "onset_f1", "correlation", "velocity_f1", "c
 LISTEN_S, FACTOR, WINDOW_S = 10.0, 2, 0.1
 
 
-def play(
-    score: Score, *, dynamics: bool, pedal: str = "score"
-) -> tuple[PianoEnv, dict[str, float]]:
+def play(score: Score, *, passes: int, pedal: str = "score") -> tuple[PianoEnv, dict[str, float]]:
     """Play a score; return the environment at its end and the last info."""
     env = PianoEnv(
         score,

@@ -19,6 +19,8 @@ _STRUCK = 0.5
 """Cost of a strike at which no note begins, and of a note that is silent in its first step."""
 _LOUDNESS, _MOST_OF_LOUDNESS = 0.04, 1.2
 """Cost of a strike that differs by a MIDI velocity of 1 from its note's; the highest such cost."""
+_HEARD = 5
+"""Control steps of a continuation in which it counts: later strikes change by chance."""
 _SLOWEST = 0.18
 """Speed of velocity 1, rad/s."""
 
@@ -92,7 +94,8 @@ class HandRating:
         before = np.broadcast_to(sounding, (count, NUM_KEYS))
         for ahead in range(steps):
             here, now = angles[:, ahead], step + ahead
-            cost += _COST.discount**ahead * self._of_keys(now, before, here, speeds[:, ahead])
+            struck = speeds[:, ahead] if ahead < _HEARD else np.zeros_like(here)
+            cost += _COST.discount**ahead * self._of_keys(now, before, here, struck)
             mistakes += wrong_keys(self._due[now], here, self._sounding_angle)
             before = self.sounding(here)
         planned = np.split(self._planned[step + steps], self._n_hands)

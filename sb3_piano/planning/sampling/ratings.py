@@ -17,8 +17,8 @@ from sb3_piano.simulation.scene import SIDES
 _COST = SamplingCost(discount=0.95)
 _STRUCK = 0.5
 """Cost of a strike at which no note begins, and of a note that is silent in its first step."""
-_LOUDNESS, _MOST_OF_LOUDNESS = 0.04, 1.2
-"""Cost of a strike that differs by a MIDI velocity of 1 from its note's; the highest such cost."""
+_LOUDNESS = 0.03
+"""Cost of a strike that differs by a MIDI velocity of 1 from its note's."""
 _HEARD = 5
 """Control steps of a continuation in which it counts: later strikes change by chance."""
 _SLOWEST = 0.18
@@ -143,7 +143,7 @@ class HandRating:
         keys += _STRUCK * (~sounds & self._onset[step])
         if self._velocity is not None:
             missing = self.missing_velocity(step, speeds[:, None])[:, 0]
-            keys += np.minimum(_LOUDNESS * np.abs(missing), _MOST_OF_LOUDNESS)
+            keys += _LOUDNESS * np.abs(missing)
         owner = self._owner[step]
         return np.stack(
             [keys[:, owner == hand].sum(axis=1) for hand in range(self._n_hands)], axis=1

@@ -2,11 +2,11 @@
 
     python benchmarks/dynamics.py --seconds 6 'repertoire-*' --out dynamics.csv
     python benchmarks/dynamics.py --seconds 6 asap/*/performance.mid --out dynamics.csv
-    python benchmarks/dynamics.py --listen BachMinuetG --out docs/gallery
+    python benchmarks/dynamics.py --listen OdeToJoy --out docs/gallery
 
 Each piece, or the beginning of it, is played twice: by ``planned`` and ``planned:dynamics=1``,
-all joints, with fingers that suit the hands, on the reference physics. F1, onset F1, Pearson's
-correlation of due and struck MIDI velocity over the notes hit in time, and F1 of notes that are
+all joints, with fingers that suit the hands, on the reference physics. F1, onset F1, mean absolute
+difference and Pearson's correlation of due and struck MIDI velocity over the notes hit in time, and F1 of notes that are
 struck in time and as loud as due (``mir_eval.transcription_velocity``: due velocities scaled to
 [0, 1], struck ones fitted to them by least squares, less than 0.1 apart). ``--listen`` writes ten
 seconds flat, with dynamics, and with dynamics and pedal as WAV files, and a picture of their
@@ -38,7 +38,7 @@ from sb3_piano.players import PlannedPianist
 
 FloatArray = npt.NDArray[np.float64]
 
-COLUMNS = ("piece", "passes", "f1", "onset_f1", "correlation", "velocity_f1", "cpu_s")
+COLUMNS = ("piece", "passes", "f1", "onset_f1", "difference", "correlation", "velocity_f1", "cpu_s")
 LISTEN_S, FACTOR, WINDOW_S = 10.0, 2, 0.1
 
 
@@ -85,6 +85,7 @@ def measure(score: Score, passes: int) -> dict[str, float | str]:
     return {
         "f1": info["f1"],
         "onset_f1": info["onset_f1"],
+        "difference": float(np.abs(struck - due).mean()),
         "correlation": np.nan if constant else float(np.corrcoef(due, struck)[0, 1]),
         "velocity_f1": 2 * int(hits.sum()) / (len(everyone) + len(played.strike_time)),
         "cpu_s": time.process_time() - began,
@@ -96,7 +97,7 @@ def listen(name: str, folder: Path) -> None:
     import matplotlib.pyplot as plt
 
     score = load_score(name).trim_silence().excerpt(0.0, LISTEN_S)
-    stem = re.sub(r"\W+", "_", name).lower()
+    stem = re.sub(r"(?<=[a-z])(?=[A-Z])|\W+", "_", Path(name).stem).lower()
     versions = {"flat": (0, "score"), "dynamics": (1, "score"), "pedal": (1, "auto")}
     _, (left, right) = plt.subplots(1, 2, figsize=(10, 3.4), layout="constrained")
     for colour, (version, (passes, pedal)) in enumerate(versions.items()):
@@ -118,7 +119,7 @@ def listen(name: str, folder: Path) -> None:
     left.set(xlabel="velocity due", ylabel="velocity struck")
     right.set(xlabel="time, s", ylabel="level, dB", ylim=(-60, 0))
     right.legend(frameon=False)
-    plt.savefig(folder / "dynamics.png", dpi=110)
+    plt.savefig(folder / f"{stem}_levels.png", dpi=110)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

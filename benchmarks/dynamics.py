@@ -6,11 +6,11 @@
 
 Each piece, or the beginning of it, is played twice: by ``planned`` and ``planned:dynamics=1``,
 all joints, with fingers that suit the hands, on the reference physics. F1, onset F1, mean absolute
-difference and Pearson's correlation of due and struck MIDI velocity over the notes hit in time, and F1 of notes that are
-struck in time and as loud as due (``mir_eval.transcription_velocity``: due velocities scaled to
-[0, 1], struck ones fitted to them by least squares, less than 0.1 apart). ``--listen`` writes ten
-seconds flat, with dynamics, and with dynamics and pedal as WAV files, and a picture of their
-levels.
+difference and Pearson's correlation of due and struck MIDI velocity over the notes hit in time, and
+F1 of notes that are struck in time and as loud as due (``mir_eval.transcription_velocity``: due
+velocities scaled to [0, 1], struck ones fitted to them by least squares, less than 0.1 apart).
+``--listen`` writes ten seconds flat, with dynamics, and with dynamics and pedal as WAV files, and a
+picture of their levels.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ def play(score: Score, *, passes: int, pedal: str = "score") -> tuple[PianoEnv, 
     )
     player = PlannedPianist(env, PlanSettings(dynamics=passes))
     observation, _ = env.reset(seed=0)
-    over, info = False, {}
+    over, info = False, dict[str, float]()
     while not over:
         action, _ = player.predict(observation)
         observation, _, _, over, info = env.step(action)

@@ -320,7 +320,7 @@ class Take:
             control_timestep=header.pop("control_timestep"),
             early_releases=early,
             # Takes of earlier versions have no velocities.
-            **{name: arrays.get(f"roll_{name}") for name in _OF_ROLL},
+            **{n: arrays[f"roll_{n}"] for n in _OF_ROLL if f"roll_{n}" in arrays},
         )
         performance = Performance(
             roll=roll,

@@ -110,6 +110,7 @@ class BatchedPiano:
                 f"Reward term {next(iter(env.config.reward_terms))!r} sees one environment and "
                 "cannot be batched: expected no reward_terms; or single environments."
             )
+        _refuse_dynamics(env.config.reward_weights.get("dynamics", 0.0))
         self.piano: PianoEnv = env
         """The single environment: scene, spaces and settings; it is not one of the worlds."""
         if moving_keys is not None:
@@ -141,6 +142,7 @@ class BatchedPiano:
                 self._actions = layer
             elif isinstance(layer, HandReward):
                 self._reward = layer
+                _refuse_dynamics(layer.dynamics)
             elif isinstance(layer, TimeLimit):
                 self._limit = min(self._limit, layer._max_episode_steps)
             elif isinstance(layer, ScoreWrapper):
@@ -311,6 +313,14 @@ class BatchedPiano:
         if not torch.isfinite(actions).all():
             raise InvalidActionError("Some actions are not finite: expected numbers in [-1, 1].")
         return actions
+
+
+def _refuse_dynamics(weight: float) -> None:
+    if weight != 0:
+        raise ConfigError(
+            f"The reward of dynamics has weight {weight:g}, but needs the keys' speeds, which are "
+            "not batched: expected 0; or single environments."
+        )
 
 
 def _worlds(

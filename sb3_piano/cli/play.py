@@ -50,6 +50,10 @@ _REFINE_HELP = (
     "plan the piece, refine the plan in simulation for this time, then play it; the same command "
     "refines the saved plan further"
 )
+_PEDAL_HELP = (
+    "sustain pedal: score (default) as written; none; auto as written or, where nothing is, at "
+    "changes of harmony; not for a run"
+)
 VIEWS = ("stage", "close", "top", "roll")
 _VIEW_HELP = (
     "camera: stage (default) from behind with falling notes; close follows the hands; top is from "
@@ -79,6 +83,7 @@ def add_arguments(parser: Any) -> None:
     add("--physics")
     add("--best")
     add("--tree")
+    add("--pedal", text=_PEDAL_HELP, choices=("score", "none", "auto"))
     add("--refine", "MINUTES", _REFINE_HELP, minutes)
     add("--report", text="also write an HTML report, report.html")
     add("--losses", text=LOSSES_HELP)
@@ -191,6 +196,8 @@ def stage_of(arguments: argparse.Namespace, **options: Any) -> EnvSpec:
         options["score"] = asdict(load_score(arguments.what, parts))
     if getattr(arguments, "reduced", False):
         options["reduced_action_space"] = True
+    if getattr(arguments, "pedal", None) is not None:
+        options["pedal"] = arguments.pedal
     if getattr(arguments, "physics", None) is not None:
         options["physics"] = arguments.physics
     return stage_for(arguments.what, **options)
@@ -302,7 +309,8 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         place = default_folder(None, None) / arguments.what.rpartition("/")[2]
         arguments.what, arguments.out = exported_folder(arguments.what), arguments.out or place
     if arguments.player == _SCORE:
-        others = ("planned", *_FORMER, "reduced", "pieces", "seed", "best", "tree", "set", "refine")
+        others = ("planned", *_FORMER, "reduced", "pieces", "seed", "best", "tree", "set", "pedal")
+        others += ("refine",)
         refuse_options(arguments, others, f"with --player {_SCORE}: nobody plays.")
         _check_piece(arguments.what)
         written = load_score(arguments.what, arguments.parts or ())
@@ -311,7 +319,7 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     if _is_take(arguments.what):
         others = ("player", "planned", *_FORMER, "reduced", "pieces", "parts", "set", "seed")
         reason = f"with the take '{arguments.what}', which was played."
-        refuse_options(arguments, (*others, "physics", "best", "tree", "refine"), reason)
+        refuse_options(arguments, (*others, "pedal", "physics", "best", "tree", "refine"), reason)
         take = Take.read(arguments.what)
         return take, folder_of(take)
     opened, score = _opened(arguments)
@@ -333,7 +341,7 @@ def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
     options: dict[str, Any] = {"seed": arguments.seed or 0, "best": arguments.best}
     if os.path.isdir(arguments.what):
         reason = f"with the run '{arguments.what}': its own model plays."
-        others = ("player", "planned", *_FORMER, "reduced", "set", "refine")
+        others = ("player", "planned", *_FORMER, "reduced", "set", "pedal", "refine")
         refuse_options(arguments, others, reason, "Expected a piece.")
         score = None
         if arguments.pieces is None:
@@ -345,7 +353,9 @@ def _opened(arguments: argparse.Namespace) -> tuple[OpenPlayer, Score | None]:
     refuse_options(arguments, ("pieces",), f"with a piece, which {arguments.what!r} is.")
     spec = player_spec(arguments)
     if spec.is_run:
-        refuse_options(arguments, ("set",), f"with the run '{spec.name}', which has its own.")
+        refuse_options(
+            arguments, ("set", "pedal"), f"with the run '{spec.name}', which has its own."
+        )
         _check_piece(arguments.what)
         score = load_score(arguments.what, arguments.parts or ())
         return OpenPlayer.open(spec, physics=arguments.physics, score=score, **options), score
@@ -386,6 +396,8 @@ def _played(player: OpenPlayer, arguments: argparse.Namespace) -> Take:
         f"{take.piano.roll.duration:.1f} s of music played in "
         f"{time.perf_counter() - times:.1f} s"
     )
+    if player.piano.goal.adds_pedal:
+        print("Pedal: at changes of harmony; the score has none")
     return take
 
 

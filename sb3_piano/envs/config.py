@@ -14,6 +14,7 @@ from sb3_piano.envs.terms import SELF_ACTUATED_TERMS, TERMS, RewardWeight, Term,
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hands import DEFAULT_HAND, find_hand
 from sb3_piano.music.hands import HANDS, Hand
+from sb3_piano.music.pedalling import Pedalling
 from sb3_piano.settings import Listed, Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.viewing import View
@@ -74,6 +75,10 @@ class PianoEnvConfig:
     """Silence before the score, s, in which the hands can move to their first notes."""
     trim_silence: bool = True
     """Start the score at its first note."""
+    pedal: Pedalling = "score"
+    """Sustain pedal that is due: "score" is the score's, "none" none. "auto" is the score's, or
+    where it has none, legato pedalling at its changes of harmony
+    (:mod:`sb3_piano.music.pedalling`)."""
     hands_in_scene: HandsInScene = "both"
     """Hands in the scene. A single hand has only its own actions, observation and joints, and no
     forearm to collide with. It plays its own notes and those without a known hand. With "none"

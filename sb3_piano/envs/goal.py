@@ -11,6 +11,7 @@ from sb3_piano.envs.score_choice import fingered, part_of_hands
 from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
+from sb3_piano.music.pedalling import pedalled
 
 
 class StepGoal(NamedTuple):
@@ -40,8 +41,9 @@ class Goal:
         self._config = config
         self.source = score
         """The score as given."""
-        self.score = score = fingered(part_of_hands(score, config), config)
-        """The score to play, with its fingers."""
+        score = pedalled(fingered(part_of_hands(score, config), config), config.pedal)
+        self.score = score
+        """The score to play, with its fingers and pedal."""
         self.roll: PianoRoll = roll_of(score, config)
         """Piano roll to play, by which the metrics judge."""
         self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll
@@ -76,6 +78,11 @@ class Goal:
     def timed_score(self) -> Score:
         """The score that :attr:`roll` was made of; the initial silence is in the roll alone."""
         return self.score.trim_silence() if self._config.trim_silence else self.score
+
+    @property
+    def adds_pedal(self) -> bool:
+        """Whether the score has no pedal, but gets one by ``pedal="auto"``."""
+        return bool(self.score.pedals) and not self.source.pedals
 
     def __len__(self) -> int:
         """Return the number of control steps of the episode."""

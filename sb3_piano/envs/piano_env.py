@@ -89,7 +89,8 @@ class PianoEnv(gym.Env[Any, Any]):
     ## Reward
 
     The sum of the named terms of :mod:`sb3_piano.envs.terms` times their weights. The terms compare
-    the state after a control step with the goal at its beginning. ``reward_terms`` adds your own.
+    the state after a control step with the goal at its beginning. The terms ``strike`` and
+    ``dynamics`` count if ``reward_weights`` sets them. ``reward_terms`` adds your own.
     Each step's ``info["reward_terms"]`` has all unweighted terms, including those of weight 0.
 
     ## Start and end
@@ -340,14 +341,15 @@ class PianoEnv(gym.Env[Any, Any]):
     def reward_terms(self, step: int) -> dict[str, float]:
         """Compute the unweighted reward terms of the present state under the goal of a step.
 
-        ``strike`` is left out, as it does not follow from a state, and so are your own terms.
+        ``strike`` and ``dynamics`` are left out, as they do not follow from a state, and so are
+        your own terms.
 
         Args:
             step: Control step of the goal, 0 to ``len(roll) - 1``.
         """
         self.simulation.read()
         seen = self._seen(step, self.data.ctrl, self.data.ctrl)
-        other = {"strike", *self.config.reward_terms}
+        other = {"strike", "dynamics", *self.config.reward_terms}
         return {name: value(seen) for name, value in self._terms.items() if name not in other}
 
     def render(self) -> npt.NDArray[np.uint8] | None:

@@ -143,6 +143,8 @@ class EpisodeRecord:
         self._open = OpenOnsets(goal.roll)
         self.struck = (0, 0)
         """Strikes of the last step given to :meth:`hear`: in time, and others."""
+        self.hit_keys: list[int] = []
+        """Keys of those in time."""
         # Not yet added to `_within` and `_returns`: adding many steps at once is faster.
         self._key_angles: list[bytes] = []
         self._weighted_terms: list[Sequence[float]] = []
@@ -157,13 +159,13 @@ class EpisodeRecord:
 
         Strikes and their times are the same as in the metrics.
         """
-        self.struck = (0, 0)
+        self.struck, self.hit_keys = (0, 0), []
         if simulation.sounding == self._sounding:
             return
         now, before = (int.from_bytes(each) for each in (simulation.sounding, self._sounding))
         keys = [key for key, down in enumerate((now & ~before).to_bytes(NUM_KEYS)) if down]
-        hits = sum(self._is_hit(key, simulation) for key in keys)
-        self.struck = hits, len(keys) - hits
+        self.hit_keys = [key for key in keys if self._is_hit(key, simulation)]
+        self.struck = len(self.hit_keys), len(keys) - len(self.hit_keys)
 
     def _is_hit(self, key: int, simulation: Simulation) -> bool:
         step, timestep = self.steps, self._goal.roll.control_timestep

@@ -2,7 +2,7 @@
 
 The reward of a control step is the sum over the terms of ``weight * term``. With the default
 weights each weighted term equals RoboPianist's (without hands ``SelfActuatedPiano``'s).
-``strike`` is new, with the default weight 0.
+``strike`` and ``dynamics`` are new, with the default weight 0.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from sb3_piano.envs import rewards
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.imports import import_instance
 from sb3_piano.metrics.episode import RETURN_PREFIX
+from sb3_piano.metrics.presses import strike_speeds
+from sb3_piano.music import PianoRoll
+from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.settings import Number, Unit, checked
 from sb3_piano.simulation import PianoScene, Simulation
 
@@ -158,6 +161,30 @@ def _strike(step: StepView) -> float:
     return float(hits - misses)
 
 
+_UNLIKE = 30.0
+"""Difference of MIDI velocities from which on a strike is worth nothing: 2.3 times the speed."""
+
+
+def _dynamics(step: StepView) -> float:
+    """Reward strikes in time that are as loud as their notes.
+
+    Each is worth 1 less its share of a difference of 30 MIDI velocities, at least 0.
+    """
+    goal, number, simulation = step.goal, step.number, step.simulation
+    return sum(as_loud(goal.roll, number, simulation, key) for key in step.record.hit_keys)
+
+
+def as_loud(roll: PianoRoll, step: int, simulation: Simulation, key: int) -> float:
+    """Return how near the loudness of a strike in a control step is to its note's, 0 to 1."""
+    scene = simulation.scene
+    angles = scene.angles_of([simulation.key_angles_before, *simulation.key_angles])[None]
+    moved = strike_speeds(angles, angles[:, 1:] >= scene.key_sounding_angle)[0, key]
+    # A strike in time is at most a control step beside the first one of its note.
+    due = int(roll.velocity[max(step - 1, 0) : step + 2, key].max())
+    away = abs(due - velocity_of(moved.item() / scene.model.opt.timestep))
+    return max(1.0 - away / _UNLIKE, 0.0)
+
+
 def _distance(step: StepView) -> float:
     """Return the negative Euclidean distance between sounding and due keys (and pedal)."""
     return -math.sqrt(_mistakes(step))
@@ -185,27 +212,34 @@ def _best_fingering(goal: Goal) -> float:
     return {"labels": labelled, "optimal-transport": len(goal), "off": 0}[goal.fingering_reward]
 
 
+def _best_strike(goal: Goal) -> float:
+    return float(np.count_nonzero(goal.roll.onset))
+
+
 TERMS: Mapping[str, Term] = {
     "key_press": Term(_key_press, 1.0, _best_key_press),
     "sustain": Term(_sustain, 1.0, len),
     "energy": Term(_energy, 0.005),
     "fingering": Term(_fingering, 1.0, _best_fingering),
     "forearm": Term(_forearm, 0.5, lambda goal: len(goal) * goal.forearm_reward),
-    "strike": Term(_strike, 0.0, lambda goal: int(np.count_nonzero(goal.roll.onset))),
+    "strike": Term(_strike, 0.0, _best_strike),
+    "dynamics": Term(_dynamics, 0.0, _best_strike),
 }
 """Terms of scenes with hands."""
 
 SELF_ACTUATED_TERMS: Mapping[str, Term] = {
     "distance": Term(_distance, 1.0),
     "log_likelihood": Term(_log_likelihood, 0.0),
-    **{n: dataclasses.replace(TERMS[n], weight=0.0) for n in ("key_press", "sustain", "strike")},
+    **{
+        name: dataclasses.replace(TERMS[name], weight=0.0)
+        for name in ("key_press", "sustain", "strike", "dynamics")
+    },
 }
 """Terms of scenes without hands, where actuators drive the keys."""
 
-
 DEFAULT_REWARD_WEIGHTS = MappingProxyType({name: term.weight for name, term in TERMS.items()})
-"""RoboPianist's weights. ``energy`` is in watts and ``strike`` counts strikes; the other terms are
-in [0, 1]."""
+"""RoboPianist's weights. ``energy`` is in watts, ``strike`` and ``dynamics`` count strikes; the
+other terms are in [0, 1]."""
 
 SELF_ACTUATED_REWARD_WEIGHTS = MappingProxyType(
     {name: term.weight for name, term in SELF_ACTUATED_TERMS.items()}

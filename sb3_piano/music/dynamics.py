@@ -28,3 +28,8 @@ def velocity_of(speed: float) -> int:
     if speed <= 0:
         return SOFTEST
     return min(max(round(AT_ONE + PER_DOUBLING * math.log2(speed)), SOFTEST), LOUDEST)
+
+
+def speed_of(velocity: float) -> float:
+    """Convert a MIDI velocity to the key's speed, rad/s: the inverse of :func:`velocity_of`."""
+    return float(2.0 ** ((velocity - AT_ONE) / PER_DOUBLING))

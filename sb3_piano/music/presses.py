@@ -26,6 +26,8 @@ class Press:
     """First state in which the key is down, 1 or more."""
     last: int
     """Last state in which the key is down, ``first`` or more."""
+    velocity: int = 0
+    """MIDI velocity of the strike; 0 if the key is down already, by another finger."""
 
 
 def presses_of_hand(roll: PianoRoll, hand: int) -> list[Press]:
@@ -40,5 +42,6 @@ def presses_of_hand(roll: PianoRoll, hand: int) -> list[Press]:
         for start, end in zip(starts, ends, strict=True):
             label = int(finger[start])
             if label >= 0 and label // FINGERS_PER_HAND == hand:
-                presses.append(Press(key, label % FINGERS_PER_HAND, start + 1, end))
+                finger_of_hand, struck = label % FINGERS_PER_HAND, int(roll.velocity[start, key])
+                presses.append(Press(key, finger_of_hand, start + 1, end, struck))
     return sorted(presses, key=lambda press: (press.first, press.key))

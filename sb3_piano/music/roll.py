@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -10,11 +11,18 @@ from annotated_types import Ge, Gt, Lt
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
+from sb3_piano.music.constants import DEFAULT_VELOCITY, NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.music.score import Score
 from sb3_piano.settings import Number, Unit, checked
 
-_TYPES = {"active": bool, "finger": np.int8, "onset": bool, "sustain": bool, "onset_time": float}
+_TYPES = {
+    "active": bool,
+    "finger": np.int8,
+    "onset": bool,
+    "sustain": bool,
+    "onset_time": float,
+    "onset_velocity": np.int8,
+}
 """The arrays of a roll with the types of their elements."""
 
 _MAX_STEPS = 1_000_000
@@ -71,6 +79,7 @@ class PianoRoll:
         onset_time: (n,) due time of each of the n strikes, in s, ordered by step, then key: the
             onset of its note, but no earlier than the strike's first step. By default, the
             beginning of the first step of each strike.
+        onset_velocity: (n,) int8, the MIDI velocity of each of these strikes; by default 80.
         sustain: (T,) bool, whether the sustain pedal is due: from step
             floor(onset / dt) until before step floor(offset / dt).
         early_releases: Notes without a finger label in some or all of their steps, as the hands
@@ -83,6 +92,7 @@ class PianoRoll:
     onset: NDArray[np.bool_]
     sustain: NDArray[np.bool_]
     onset_time: NDArray[np.float64] = None  # type: ignore[assignment]  # never None once made
+    onset_velocity: NDArray[np.int8] = None  # type: ignore[assignment]  # the same
     early_releases: tuple[EarlyRelease, ...] = ()
 
     def __post_init__(self) -> None:
@@ -90,13 +100,16 @@ class PianoRoll:
         if self.onset_time is None:
             times = np.nonzero(self.onset)[0] * self.control_timestep
             object.__setattr__(self, "onset_time", times)
+        if self.onset_velocity is None:
+            velocities = np.full(len(self.onset_time), DEFAULT_VELOCITY)
+            object.__setattr__(self, "onset_velocity", velocities)
         for name, kind in _TYPES.items():
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=kind))
         steps = self.active.shape[0] if self.active.ndim else 0
         for name, expected in {
             **dict.fromkeys(("active", "finger", "onset"), (steps, NUM_KEYS)),
             "sustain": (steps,),
-            "onset_time": (int(np.count_nonzero(self.onset)),),
+            **dict.fromkeys(("onset_time", "onset_velocity"), (int(np.count_nonzero(self.onset)),)),
         }.items():
             shape = getattr(self, name).shape
             if shape != expected:
@@ -136,21 +149,22 @@ class PianoRoll:
         for down, up in (lead + floor_steps(pedals, control_timestep)).reshape(-1, 2).tolist():
             sustain[down:up] = True
         sheet = _Sheet(steps)
-        due: dict[tuple[int, int], float] = {}
+        due: dict[tuple[int, int], tuple[float, int]] = {}
         for note, start, end in zip(score.notes, starts.tolist(), ends.tolist(), strict=True):
             first = sheet.lay(note.key, start, max(end, start + 1), note.finger)
             if first is not None:
                 time = max(lead * control_timestep + note.onset, first * control_timestep)
-                due.setdefault((first, note.key), time)  # of two in one step the first one counts
+                # Of two in one step the first one counts.
+                due.setdefault((first, note.key), (time, note.velocity))
+        strikes = [due[step, key] for step, key in np.argwhere(sheet.onset).tolist()]
         return cls(
             control_timestep=control_timestep,
             active=sheet.active,
             finger=sheet.finger,
             onset=sheet.onset,
             sustain=sustain,
-            onset_time=np.array(
-                [due[step, key] for step, key in np.argwhere(sheet.onset).tolist()]
-            ),
+            onset_time=np.array([time for time, _ in strikes]),
+            onset_velocity=np.array([velocity for _, velocity in strikes]),
         )
 
     def __len__(self) -> int:
@@ -169,6 +183,13 @@ class PianoRoll:
     def duration(self) -> float:
         """Length of all steps together, in s."""
         return len(self) * self.control_timestep
+
+    @functools.cached_property
+    def velocity(self) -> NDArray[np.int8]:
+        """(T, 88) MIDI velocity of each strike in its first step, 0 elsewhere."""
+        velocity = np.zeros(self.onset.shape, dtype=np.int8)
+        velocity[self.onset] = self.onset_velocity
+        return velocity
 
     @property
     def unlabelled(self) -> NDArray[np.bool_]:
@@ -202,12 +223,15 @@ class PianoRoll:
         active, onset = np.roll(self.active, -1, axis=0), np.roll(self.onset, -1, axis=0)
         active[-1], onset[-1], finger[-1] = False, False, UNKNOWN_FINGER
         onset[0] |= self.onset[0] & active[0]
+        velocity = np.roll(self.velocity, -1, axis=0)
+        velocity[0] = np.where(velocity[0] > 0, velocity[0], self.velocity[0])
         return replace(
             self,
             active=active,
             finger=finger,
             onset=onset,
             onset_time=np.maximum(time[onset] - self.control_timestep, 0.0),
+            onset_velocity=velocity[onset],
             early_releases=tuple(
                 replace(
                     one,

@@ -106,12 +106,13 @@ def plan(
         tasks.of_hands, tasks.places, tasks.line, settings, piece.control_timestep
     )
     made = tasks.plan(hands, line, scene)
-    if settings.passes == 0:
+    passes = settings.passes + settings.dynamics
+    if passes == 0:
         return made
     from sb3_piano.planning.refinement import Refinement  # imports this module
 
     with contextlib.closing(Refinement(made, scene, settings)) as refinement:
-        refinement.run(passes=settings.passes)
+        refinement.run(passes=passes)
         return refinement.plan
 
 

@@ -6,6 +6,9 @@ many continuations are simulated and the best one is followed. Otherwise the han
 The simulator is deterministic, so commands that work in simulation also work in an environment with
 the same physics. The first pass starts with the better parts of two plans, one of which has shorter
 leaps: only a simulation shows which length is enough.
+
+With :attr:`PlanSettings.dynamics` the first passes seek the speeds of the strikes instead, and all
+passes rate them.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from sb3_piano.planning.sampling.ratings import HandRating
 from sb3_piano.planning.sampling.variations import Variation, Variations
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.splicing import spliced
+from sb3_piano.planning.touch import Touches
 from sb3_piano.simulation import PianoScene
 
 _HORIZON = 8
@@ -42,6 +46,11 @@ _LONG_RUN = 24
 """Control steps over which these are compared with the unchanged motion."""
 _HURRY = 1
 """Control steps by which leaps are shorter in the second plan, with the fingers' full span."""
+
+_TOUCH_STEPS, _TOUCH_TAKEN, _TOUCH_ROUNDS = 5, 2, 4
+"""In the pass for dynamics: simulated control steps, those of them that are played, most rounds."""
+_TOLERANCE = 3.0
+"""Difference from a note's velocity from which on that pass searches."""
 
 OnStep = Callable[[int, int, float], object]
 """Callback with the finished control steps of a pass, their total, and the best F1 so far."""
@@ -89,9 +98,10 @@ class Refinement:
         self._scene, self._settings, self._seed = scene, settings, seed
         n_substeps = round(plan.roll.control_timestep / scene.model.opt.timestep)
         correction = Correction(plan.hands, settings.feedback, settings.lift)
-        self._roll_outs = RollOuts(scene, n_substeps, correction, n_threads)
+        self._roll_outs = RollOuts(scene, n_substeps, correction, n_threads, settings.dynamics > 0)
         self._variations = Variations(scene, _HORIZON)
-        self._rating = HandRating(plan, scene, self._variations.deviation)
+        self._rating = HandRating(plan, scene, self._variations.deviation, settings.dynamics > 0)
+        self._touches = Touches(plan)
         self._best = self._played_plan(plan)
         self._other: _Played | None = None
 
@@ -127,12 +137,17 @@ class Refinement:
         def over() -> bool:
             return should_stop() or (end is not None and time.monotonic() >= end)
 
-        while not over() and self.plan.passes != last and self.f1 < 1:
-            if self.plan.passes == 0:
+        dynamics = self._settings.dynamics
+        while not over() and self.plan.passes != last and (self.f1 < 1 or dynamics):
+            search = self._search
+            if self.plan.passes < dynamics:
+                search = self._touched
+            elif self.plan.passes == 0:
                 self._other = self._played_plan(self._hurried())
             random = np.random.default_rng([self._seed, self.plan.passes])
-            found = self._played(self._followed(), random, on_step, over)
-            if found.f1 > self.f1:
+            found = self._played(self._followed(), (search, random), on_step, over)
+            gain = self._best.cost.sum() - found.cost.sum() if dynamics else found.f1 - self.f1
+            if gain > 0:
                 self._best, self._other = found, self._best
             else:
                 self._other = found
@@ -146,7 +161,7 @@ class Refinement:
     def _hurried(self) -> Plan:
         """Make another plan of the piece, with shorter leaps."""
         hurry = self._settings.hurry + _HURRY
-        settings = replace(self._settings, hurry=hurry, stretch=1.0, passes=0)
+        settings = replace(self._settings, hurry=hurry, stretch=1.0, passes=0, dynamics=0)
         return make_plan(self.plan.roll, self._scene, settings)
 
     def _played_plan(self, plan: Plan) -> _Played:
@@ -157,7 +172,7 @@ class Refinement:
     def _played(
         self,
         followed: Way,
-        random: np.random.Generator | None,
+        by: tuple[_Search, np.random.Generator] | None,
         on_step: OnStep,
         should_stop: Callable[[], bool],
     ) -> _Played:
@@ -165,25 +180,28 @@ class Refinement:
         total = len(self.plan)
         # Results are written into `followed`, so that each search begins with the last one's.
         parts: list[RollOut] = []
+        most = _TOUCH_TAKEN if by is not None and by[0] == self._touched else _TAKEN
         state, step, sounding = self._roll_outs.start(), 0, self._rating.silence
         while step < total:
-            if random is not None and not should_stop():
-                found = self._search(_Place(state, step, sounding, followed), random)
+            if by is not None and not should_stop():
+                search, random = by
+                found = search(_Place(state, step, sounding, followed), random)
                 ahead = slice(step, step + len(found.commands))
                 followed.commands[ahead], followed.positions[ahead] = found
-            taken = slice(step, min(step + _TAKEN, total))
+            taken = slice(step, min(step + most, total))
             part = self._roll_outs.run(state, step, [followed.cut(taken)])[0]
             state, step = part.state, taken.stop
             sounding = self._rating.sounding(part.angles[-1])
             parts.append(part)
-            if random is not None:
+            if by is not None:
                 on_step(step, total, self.f1)
         way = Way(
             np.concatenate([part.way.commands for part in parts]),
             np.concatenate([part.way.positions for part in parts]),
         )
         angles = np.concatenate([part.angles for part in parts])
-        return _Played(way, parts[-1].end, self._rating.f1(angles), self._rating.each_step(angles))
+        cost = self._rating.each_step(angles, np.concatenate([part.speeds for part in parts]))
+        return _Played(way, parts[-1].end, self._rating.f1(angles), cost)
 
     def _followed(self) -> Way:
         """Make the motion that the next pass follows: each hand's better parts of two passes."""
@@ -194,6 +212,34 @@ class Refinement:
             (self._best.cost, self._other.cost),
             self._variations.deviation,
         )
+
+    def _touched(self, place: _Place, random: np.random.Generator) -> Way:
+        """Search the changes of the next strikes that make them as loud as their notes."""
+        touches, steps = self._touches, min(_TOUCH_STEPS, len(self.plan) - place.step)
+        which = touches.near(place.step, steps)
+
+        def tried(options: list[FloatArray]) -> list[_Touched]:
+            ways = [touches.way(place.followed, place.step, steps, which, one) for one in options]
+            found = self._tried(place, ways)
+            wrong = (found.mistakes > 0) | (np.abs(found.missing) > _TOLERANCE).any(axis=(1, 2))
+            columns = (options, found.cost, found.missing, found.ways, wrong.tolist())
+            return [_Touched(*row) for row in zip(*columns, strict=True)]
+
+        (best,) = tried([np.zeros((len(which), 2))])
+        finalists = [(float(best.cost.sum()), best.way)]
+        for _ in range(_TOUCH_ROUNDS):
+            if not (best.wrong and len(which)):
+                break
+            drawn = touches.drawn(best.heights, which, place.step, best.missing, random)
+            found, joined = tried(drawn), best.heights.copy()
+            for hand in range(len(best.cost)):
+                own = touches.hand[which] == hand
+                costs = [float(one.cost[hand]) for one in (best, *found)]
+                joined[own] = (best, *found)[int(np.argmin(costs))].heights[own]
+            found += [best, *tried([joined])]
+            best = min(found, key=lambda one: float(one.cost.sum()))
+            finalists.append((float(best.cost.sum()), best.way))
+        return self._final(place, finalists)
 
     def _search(self, place: _Place, random: np.random.Generator) -> Way:
         """Search the best continuation from a place.
@@ -248,9 +294,11 @@ class Refinement:
         rolled = self._roll_outs.run(place.state, place.step, ways)
         angles = np.stack([one.angles for one in rolled])
         ends = np.stack([one.end for one in rolled])
-        cost, mistakes = self._rating.rate(place.step, place.sounding, angles, ends)
+        speeds = np.stack([one.speeds for one in rolled])
+        cost, mistakes = self._rating.rate(place.step, place.sounding, angles, ends, speeds)
         cost[[not one.stable for one in rolled]] = np.inf
-        return _Tried([one.way for one in rolled], cost, mistakes)
+        missing = self._rating.missing_velocity(place.step, speeds)
+        return _Tried([one.way for one in rolled], cost, mistakes, missing)
 
 
 class _Place(NamedTuple):
@@ -275,6 +323,27 @@ class _Tried(NamedTuple):
     """(m, h) cost of each hand in each of them."""
     mistakes: IntArray
     """(m,) number of wrong keys, over all control steps."""
+    missing: FloatArray
+    """(m, s, 88) MIDI velocities by which strikes are too soft."""
+
+
+class _Touched(NamedTuple):
+    """Simulated change of the k next strikes."""
+
+    heights: FloatArray
+    """(k, 2) its heights, m; see :class:`Touches`."""
+    cost: FloatArray
+    """(h,) cost of each hand."""
+    missing: FloatArray
+    """(s, 88) MIDI velocities by which strikes are too soft."""
+    way: Way
+    """The simulated motion."""
+    wrong: bool
+    """Whether a key is wrong, or a strike too soft or too loud."""
+
+
+_Search = Callable[[_Place, np.random.Generator], Way]
+"""Search of the best continuation from a place."""
 
 
 def _as_played(plan: Plan, played: _Played) -> Plan:

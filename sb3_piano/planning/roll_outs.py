@@ -9,6 +9,7 @@ import numpy as np
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.engine import mujoco
+from sb3_piano.metrics.presses import strike_speeds
 from sb3_piano.planning.correction import Correction
 from sb3_piano.simulation import PianoScene, Simulation
 from sb3_piano.threads import ThreadTeam, usable_cores
@@ -40,6 +41,9 @@ class RollOut(NamedTuple):
     """(s, 88) angle of each key after each control step, rad."""
     stable: bool
     """Whether the physics remained stable."""
+    speeds: FloatArray
+    """(s, 88) speed of each key that begins to sound in a control step, rad/s; 0 for others, and
+    unless the roll-outs are ``watched``."""
 
 
 class RollOuts:
@@ -55,6 +59,7 @@ class RollOuts:
         n_substeps: int,
         correction: Correction,
         n_threads: int | None = None,
+        watched: bool = False,
     ):
         """Build the simulations.
 
@@ -64,8 +69,9 @@ class RollOuts:
             correction: Feedback on deviations from the followed motion.
             n_threads: Threads that simulate, the calling one included; by default one for each
                 usable core.
+            watched: Whether the speeds of keys are measured, which takes a seventh of the time.
         """
-        self._scene = scene
+        self._scene, self._watched = scene, watched
         self._n_substeps = n_substeps
         self._correction = correction
         threads = usable_cores() if n_threads is None else n_threads
@@ -102,18 +108,29 @@ class RollOuts:
         scene, data = self._scene, simulation.data
         told, been = np.empty_like(way.commands), np.empty_like(way.commands)
         angles = np.zeros((len(told), len(scene.key_sounding_angle)))
+        speeds = np.zeros_like(angles)
         simulation.set_state(state)
         stable = True
         for i in range(len(told)):
             been[i] = self._positions(data)
             commands = way.commands[i] + self._correction(step + i, been[i] - way.positions[i])
             told[i] = np.minimum(np.maximum(commands, scene.ctrl_low), scene.ctrl_high)
-            if not simulation.advance(self._rounded(told[i]), watched=False):
+            if not simulation.advance(self._rounded(told[i]), watched=self._watched):
                 stable = False
                 break
             angles[i] = scene.key_angle(data)
+            if self._watched:
+                speeds[i] = self._speeds(simulation)
         end = self._positions(data)
-        return RollOut(simulation.get_state(), Way(told, been), end, angles, stable)
+        return RollOut(simulation.get_state(), Way(told, been), end, angles, stable, speeds)
+
+    def _speeds(self, simulation: Simulation) -> FloatArray:
+        """Compute the speeds of keys that went down in the last control step, (88,) rad/s."""
+        steps = [simulation.key_angles_before, *simulation.key_angles]
+        angles = self._scene.angles_of(steps)[None]
+        within = angles >= self._scene.key_sounding_angle
+        speeds = strike_speeds(angles, within[:, 1:])[0] / self._scene.model.opt.timestep
+        return np.where(within[0, 0], 0.0, speeds)
 
     def _positions(self, data: mujoco.MjData) -> FloatArray:
         """Compute actuator positions from joints rounded as in observations, to 32-bit floats."""

@@ -19,6 +19,9 @@ class PlanSettings:
     passes: Index = 0
     """Passes of refinement: number of times that the plan is played in simulation and its errors
     are searched for better motions (:mod:`sb3_piano.planning.refinement`)."""
+    dynamics: Index = 0
+    """Passes, before those, that seek the speed of each strike for which the note is as loud as its
+    velocity asks for (:mod:`sb3_piano.planning.touch`); all passes then rate it."""
     feedback: Number = 1.0
     """Share of the optimal feedback to use; its linear model has no contacts."""
     lift: Number = 0.02

@@ -144,7 +144,8 @@ class Trackers:
 
 def _planned_once(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> Plan:
     """Plan a piece, or return the cached plan of an equal piece, scene and settings."""
-    key = (_digest_of(scene), roll_digest(roll), settings)
+    loudness = roll.onset_velocity.tobytes().hex() if settings.dynamics else ""
+    key = (_digest_of(scene), roll_digest(roll) + loudness, settings)
     if key not in _PLANS:
         made = plan_piece(roll, scene, settings)
         while len(_PLANS) >= _PLANS_KEPT:

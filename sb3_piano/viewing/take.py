@@ -50,7 +50,7 @@ _OF_PERFORMANCE = (
     "release_time",
     "press_finger",
 )
-_OF_ROLL = ("active", "finger", "onset", "sustain", "onset_time")
+_OF_ROLL = ("active", "finger", "onset", "sustain", "onset_time", "onset_velocity")
 _EXPECTED = "Expected a file that 'sb3-piano play' or 'evaluate --motion' wrote."
 
 
@@ -333,7 +333,8 @@ class Take:
         roll = PianoRoll(
             control_timestep=header.pop("control_timestep"),
             early_releases=early,
-            **{name: arrays[f"roll_{name}"] for name in _OF_ROLL},
+            # Takes of earlier versions have no velocities.
+            **{n: arrays[f"roll_{n}"] for n in _OF_ROLL if f"roll_{n}" in arrays},
         )
         score = json.loads(arrays["score"].tobytes()) if "score" in arrays else None
         performance = Performance(

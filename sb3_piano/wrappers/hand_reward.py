@@ -12,6 +12,7 @@ import numpy as np
 from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.envs.rewards import held, labelled_fingering
 from sb3_piano.envs.strikes import OpenOnsets
+from sb3_piano.envs.terms import as_loud
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
@@ -28,10 +29,10 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
 
     A hand's reward is ``own * F1(its keys) + (1 - own) * F1(all keys) - 1``, plus ``strikes`` for
     each strike that hits a note within the tolerance of the onset metric, less ``strikes`` for each
-    other strike. The hand's keys are those labelled with its fingers, and the wrong keys nearest to
-    one of its fingertips. A sounding key counts by its state at the end of the step, and by
-    ``within`` as the share of the physics steps in which it sounds. Without due and sounding keys
-    F1 is 1.
+    other strike, plus up to ``dynamics`` for a hit that is as loud as its note. The hand's keys are
+    those labelled with its fingers, and the wrong keys nearest to one of its fingertips. A sounding
+    key counts by its state at the end of the step, and by ``within`` as the share of the physics
+    steps in which it sounds. Without due and sounding keys F1 is 1.
 
     An untrained hand hardly ever hits a due key. ``guidance`` is the highest bonus for coming near:
     the mean closeness, as in RoboPianist's terms of fingering and of pressing keys, of its fingers
@@ -49,6 +50,8 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         guidance: Value of being at due keys and holding them down, 0 or more.
         fingering: Weight of the labelled fingers in the guidance, 0 or more; with 0 it pays for
             keys alone, whichever finger holds them.
+        dynamics: Value of a strike in time that is as loud as its note, 0 or more; it falls to 0 at
+            a difference of 30 MIDI velocities, as the reward term ``dynamics``.
 
     Raises:
         ConfigError: If a number is out of range, or ``env`` is no piano or has no hands.
@@ -62,9 +65,16 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         strikes: float = 0.3,
         guidance: float = 0.0,
         fingering: float = 1.0,
+        dynamics: float = 0.0,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
-            self, own=own, within=within, strikes=strikes, guidance=guidance, fingering=fingering
+            self,
+            own=own,
+            within=within,
+            strikes=strikes,
+            guidance=guidance,
+            fingering=fingering,
+            dynamics=dynamics,
         )
         super().__init__(env)
         self._piano = unwrap_piano(env, "HandReward")
@@ -76,6 +86,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         self.strikes = checked("strikes", strikes, NotNegative)
         self.guidance = checked("guidance", guidance, NotNegative)
         self.fingering = checked("fingering", fingering, NotNegative)
+        self.dynamics = checked("dynamics", dynamics, NotNegative)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -120,12 +131,15 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
             heard = share + (1 - self.within) * bool(sounding[-1, key])
             for n, count in enumerate((asked, heard, asked * heard)):
                 counts[hand][n] += count
-            if self.strikes > 0 and substeps[key] > 0:
+            if self.strikes + self.dynamics > 0 and substeps[key] > 0:
                 column = [bool(before[key]), *sounding[:, key].tolist()]
                 for substep, (was, now) in enumerate(itertools.pairwise(column), start=1):
                     if now and not was:
                         hit = self._open.hit(key, (step + substep / len(sounding)) * length)
                         earned[hand] += self.strikes if hit else -self.strikes
+                        if hit and self.dynamics and sounding[-1, key]:
+                            loud = as_loud(piano.roll, step, piano.simulation, key)
+                            earned[hand] += self.dynamics * loud
         both = map(sum, zip(*counts, strict=True))
         own, all_keys = self.own, (1 - self.own) * _f1(*both) - 1.0
         pairs = zip(counts, earned, strict=True)

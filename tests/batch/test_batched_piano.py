@@ -215,6 +215,8 @@ def test_sums_are_f1_and_returns_alone():
 def test_what_is_wrong_is_told_in_one_line():
     with pytest.raises(ConfigError, match="Reward term 'smooth' .* cannot be batched"):
         BatchedPiano(2, SCORES[0], reward_terms={"smooth": "own_terms.smooth"})
+    with pytest.raises(ConfigError, match="reward of dynamics has weight 0.5, but"):
+        BatchedPiano(2, SCORES[0], reward_weights={"dynamics": 0.5})
     with pytest.raises(ConfigError, match="HideFingering is no wrapper that can be batched"):
         BatchedPiano(2, SCORES[0], wrappers=[HideFingering])
     with pytest.raises(ConfigError, match="device is 'cuda', but MuJoCo's own threads are on"):

@@ -1,6 +1,7 @@
 """Blocks of one's own in the observation: described, computed, kept by runs, or refused."""
 
 import copy
+import dataclasses
 import itertools
 import pickle
 
@@ -12,6 +13,7 @@ from short_scores import score_of
 from sb3_piano.envs import Block, PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.imports import known_packages_only
+from sb3_piano.music import Score
 from sb3_piano.policies import HandsSACPolicy
 from sb3_piano.training import EnvSpec
 from sb3_piano.wrappers import HandActions, HindsightFlag, KeyRange, Lookahead, PreviousActionReward
@@ -213,3 +215,25 @@ def test_policies_of_hands_refuse_an_observation_that_is_not_all_of_hands():
     with pytest.raises(ConfigError, match="n_hands is 2, the observation has the blocks right_.*s"):
         HandsSACPolicy(env.observation_space, env.action_space, lambda _: 1e-4)
     HandsSACPolicy(env.observation_space, env.action_space, lambda _: 1e-4, n_hands=1)
+
+
+def test_the_loudness_of_each_keys_next_strike_is_shown():
+    soft, loud = (dataclasses.replace(PIECE.notes[0], velocity=v, **at) for v, at in TWICE)
+    env = PianoEnv(
+        Score(notes=[soft, loud], title="twice"),
+        observation_blocks=["sb3_piano.envs.loudness.Loudness"],
+        fingering="robot",
+    )
+    shown = env.reset()[0][env.observation_layout["loudness"].slice]
+    key, steps = soft.key, []
+    for _ in range(len(env.roll) - 1):
+        steps.append(shown[key] * 127)
+        shown = env.step(env.rest_action)[0][env.observation_layout["loudness"].slice]
+    first, second = np.flatnonzero(env.roll.onset[:, key])
+    assert steps[: first + 1] == pytest.approx([40] * (first + 1))
+    assert steps[first + 1 : second + 1] == pytest.approx([100] * (second - first))
+    assert not any(steps[second + 1 :])
+    assert np.count_nonzero(shown) == 0
+
+
+TWICE = ((40, {"onset": 0.0, "offset": 0.1}), (100, {"onset": 0.2, "offset": 0.4}))

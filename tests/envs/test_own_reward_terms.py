@@ -97,7 +97,7 @@ def test_a_function_of_the_controls_goes_on_from_saved_states_as_before():
 def test_a_state_of_other_terms_is_refused():
     state = piano().get_state()
     for terms, message in (
-        ({"still": own_terms.still}, "reward terms .*strike, smooth, but here .*strike, still"),
+        ({"still": own_terms.still}, "reward terms .*dynamics, smooth, but here .*dynamics, still"),
         ({}, "returns is none"),
     ):
         with pytest.raises(EnvStateError, match=message):
@@ -127,7 +127,7 @@ def test_the_goal_the_pedal_and_what_was_struck_are_seen():
 
 
 def test_a_state_alone_is_told_by_no_term_of_ones_own():
-    built_in = set(DEFAULT_REWARD_WEIGHTS) - {"strike"}
+    built_in = set(DEFAULT_REWARD_WEIGHTS) - {"strike", "dynamics"}
     assert set(piano().reward_terms(0)) == built_in
 
 

@@ -112,7 +112,7 @@ def test_musicianship_is_in_the_last_info_where_it_is_asked_for(env):
 
 def test_returns_belong_to_their_terms_in_whatever_order_these_come(env, monkeypatch):
     terms = {"fingering": 3.0, "energy": -20.0, "forearm": 0.0, "sustain": 1.0, "key_press": 0.5}
-    terms["strike"] = -2.0
+    terms |= {"strike": -2.0, "dynamics": 1.5}
     values = {name: functools.partial(lambda value, _: value, terms[name]) for name in terms}
     monkeypatch.setattr(env, "_terms", values)
     info = [env.step(env.rest_action)[-1] for _ in range(6)][-1]

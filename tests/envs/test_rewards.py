@@ -7,7 +7,9 @@ from sb3_piano.envs import PianoEnv, rewards
 from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.metrics import Onsets, match_onsets
 from sb3_piano.music import Note, PianoRoll, Score, load_score
+from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.players import make_player
+from sb3_piano.wrappers import HandReward
 
 
 def test_tolerance_equals_dm_controls():
@@ -73,6 +75,34 @@ def test_an_episode_sums_up_to_hits_less_the_other_strikes(twinkle):
     assert sum(terms) == 2 * hits - len(strikes.key)
     assert info["return_strike"] == 0.5 * sum(terms)
     assert max(terms) > 0 > min(terms)
+
+
+def test_the_hands_share_the_pay_for_loudness(twinkle):
+    env, actions = twinkle
+    earned = []
+    for dynamics in (0.0, 1.0):
+        hands = HandReward(env, dynamics=dynamics)
+        hands.reset(seed=0)
+        infos = [hands.step(action)[-1] for action in actions[:60]]
+        earned.append(sum(info["hand_rewards"].sum() for info in infos))
+    paid = sum(info["reward_terms"]["dynamics"] for info in infos)
+    assert earned[1] - earned[0] == pytest.approx(paid)
+    assert paid > 0
+
+
+def test_strikes_in_time_pay_by_how_near_their_loudness_is_to_the_notes(twinkle):
+    env, actions = twinkle
+    env.reset(seed=0)
+    paid = [env.step(action)[-1]["reward_terms"]["dynamics"] for action in actions]
+    performance, roll = env.performance, env.roll
+    target = Onsets(roll.onset_time, np.nonzero(roll.onset)[1])
+    strikes = Onsets(performance.strike_time, performance.presses.key)
+    pairs = np.asarray(match_onsets(target, strikes))
+    due = roll.onset_velocity[pairs[:, 0]]
+    struck = [velocity_of(speed) for speed in performance.strike_speed[pairs[:, 1]]]
+    worth = np.maximum(1 - np.abs(np.subtract(due, struck, dtype=float)) / 30, 0)
+    assert 0 < worth.sum() < len(pairs)
+    assert sum(paid) == pytest.approx(worth.sum())
 
 
 def test_a_restored_state_knows_what_was_struck(twinkle):

@@ -6,7 +6,9 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.metrics import frame_f1
+from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS, UNKNOWN_FINGER
+from sb3_piano.music.dynamics import AT_ONE, PER_DOUBLING
 from sb3_piano.planning.plan import Plan
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.simulation import PianoScene
@@ -15,6 +17,12 @@ from sb3_piano.simulation.scene import SIDES
 _COST = SamplingCost(discount=0.95)
 _STRUCK = 0.5
 """Cost of a strike at which no note begins, and of a note that is silent in its first step."""
+_LOUDNESS = 0.03
+"""Cost of a strike that differs by a MIDI velocity of 1 from its note's."""
+_HEARD = 5
+"""Control steps of a continuation in which it counts: later strikes change by chance."""
+_SLOWEST = 0.18
+"""Speed of velocity 1, rad/s."""
 
 
 class HandRating:
@@ -25,15 +33,19 @@ class HandRating:
     divided by half of the number of due keys plus one: as in F1, a key weighs less beside others.
     """
 
-    def __init__(self, plan: Plan, scene: PianoScene, deviation: FloatArray) -> None:
+    def __init__(
+        self, plan: Plan, scene: PianoScene, deviation: FloatArray, dynamics: bool = False
+    ) -> None:
         """Assign the keys to the hands.
 
         Args:
             plan: The plan, T control steps.
             scene: The piano and the hands.
             deviation: (n,) unit of distances from the plan for each actuator, rad or m.
+            dynamics: Whether to rate the strikes' velocities, too.
         """
         roll = plan.roll
+        self._velocity = _near_onsets(roll) if dynamics else None
         self._due = roll.active
         self._weight = 2.0 / (1.0 + np.maximum(roll.active.sum(axis=1), 1))
         self._sounding_angle = scene.key_sounding_angle
@@ -57,7 +69,12 @@ class HandRating:
         return frame_f1(self._due, self.sounding(angles))
 
     def rate(
-        self, step: int, sounding: BoolArray, angles: FloatArray, ends: FloatArray
+        self,
+        step: int,
+        sounding: BoolArray,
+        angles: FloatArray,
+        ends: FloatArray,
+        speeds: FloatArray,
     ) -> tuple[FloatArray, IntArray]:
         """Rate m continuations of s control steps.
 
@@ -66,6 +83,7 @@ class HandRating:
             sounding: (88,) keys that sound before it.
             angles: (m, s, 88) angles of the keys after each control step, rad.
             ends: (m, n) actuator positions at the end, rad or m.
+            speeds: (m, s, 88) speeds of the keys that begin to sound, rad/s, else 0.
 
         Returns:
             (m, h) cost of each hand; (m,) number of keys that sounded wrongly or were missing, over
@@ -76,7 +94,8 @@ class HandRating:
         before = np.broadcast_to(sounding, (count, NUM_KEYS))
         for ahead in range(steps):
             here, now = angles[:, ahead], step + ahead
-            cost += _COST.discount**ahead * self._of_keys(now, before, here)
+            struck = speeds[:, ahead] if ahead < _HEARD else np.zeros_like(here)
+            cost += _COST.discount**ahead * self._of_keys(now, before, here, struck)
             mistakes += wrong_keys(self._due[now], here, self._sounding_angle)
             before = self.sounding(here)
         planned = np.split(self._planned[step + steps], self._n_hands)
@@ -86,27 +105,62 @@ class HandRating:
             cost[:, hand] += _COST.plan_cost(where, part, unit)
         return cost, mistakes
 
-    def each_step(self, angles: FloatArray) -> FloatArray:
+    def each_step(self, angles: FloatArray, speeds: FloatArray) -> FloatArray:
         """Compute the cost of each hand's keys in each control step of a piece, (T, h).
 
-        ``angles`` are those of the keys after each control step, (T, 88) rad.
+        ``angles`` are those of the keys after each control step, (T, 88) rad; ``speeds`` those of
+        keys that begin to sound, (T, 88) rad/s.
         """
         sounding = np.concatenate([self.silence[None], self.sounding(angles)[:-1]])
-        rows = zip(sounding, angles, strict=True)
+        rows = enumerate(zip(sounding, angles, speeds, strict=True))
         return np.concatenate(
-            [self._of_keys(step, was[None], here[None]) for step, (was, here) in enumerate(rows)]
+            [self._of_keys(step, *(array[None] for array in row)) for step, row in rows]
         )
 
-    def _of_keys(self, step: int, before: BoolArray, angles: FloatArray) -> FloatArray:
+    def missing_velocity(self, step: int, speeds: FloatArray) -> FloatArray:
+        """Compute by how much strikes are softer than their notes.
+
+        Args:
+            step: The first of s control steps.
+            speeds: (..., s, 88) speeds of the keys that begin to sound, rad/s, else 0.
+
+        Returns:
+            (..., s, 88) MIDI velocities; 0 without a strike or a note, and without dynamics.
+        """
+        if self._velocity is None:
+            return np.zeros_like(speeds)
+        asked = self._velocity[step : step + speeds.shape[-2]]
+        struck = AT_ONE + PER_DOUBLING * np.log2(np.maximum(speeds, _SLOWEST))
+        return np.where((asked > 0) & (speeds > 0), asked - struck, 0.0)
+
+    def _of_keys(
+        self, step: int, before: BoolArray, angles: FloatArray, speeds: FloatArray
+    ) -> FloatArray:
         """Compute the cost of each hand's keys in a control step, (m, h)."""
         keys = _COST.key_cost(self._due[step], angles, self._sounding_angle) * self._weight[step]
         sounds = self.sounding(angles)
         keys += _STRUCK * (sounds & ~before & ~self._in_time[step])
         keys += _STRUCK * (~sounds & self._onset[step])
+        if self._velocity is not None:
+            missing = self.missing_velocity(step, speeds[:, None])[:, 0]
+            keys += _LOUDNESS * np.abs(missing)
         owner = self._owner[step]
         return np.stack(
             [keys[:, owner == hand].sum(axis=1) for hand in range(self._n_hands)], axis=1
         )
+
+
+def _near_onsets(roll: PianoRoll) -> FloatArray:
+    """Return the velocity that is due when a key is struck in each control step, (T, 88), or 0.
+
+    It is that of the onset in this step, else in the one before, the one after, or two before.
+    """
+    due = near = roll.velocity.astype(float)
+    for late in (1, -1, 2):
+        moved = np.zeros_like(due)
+        moved[max(late, 0) : len(due) + min(late, 0)] = due[max(-late, 0) : len(due) - max(late, 0)]
+        near = np.where(near > 0, near, moved)
+    return near
 
 
 def _owners(plan: Plan, scene: PianoScene) -> IntArray:

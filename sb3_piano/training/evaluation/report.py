@@ -197,6 +197,8 @@ def _origin(
         "Played": now["created"],
         "Played with": _versions(now["versions"]),
     }
+    if player.piano.goal.adds_pedal:
+        facts["Pedal"] = "at changes of harmony; the score has none"
     if player.run is not None:
         facts |= {
             "Model": "the last one" if best is None else f"best by {best}",

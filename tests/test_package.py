@@ -66,7 +66,7 @@ ROOMS = [
 ]
 
 
-LAB = ["music", "distillation", "results", "bench", "web"]
+LAB = ["music", "distillation", "results", "bench", "web", "video"]
 """Rooms of the lab, likewise."""
 
 

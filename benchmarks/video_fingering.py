@@ -39,6 +39,7 @@ from sb3_piano.viewing.take import Take
 from sb3_piano.viewing.video import write_video
 
 _PIECES = ("TwinkleTwinkle", "OdeToJoy", "BachMinuetG", "FurElise", "BachPreludeC", "Gymnopedie1")
+_SKIN = (0.85, 0.62, 0.5, 1.0)
 _FILMED = Camera(field=72.7)  # the renderer's view
 _CAMERAS = {
     "no error": {},
@@ -79,8 +80,10 @@ def heard(take: Take, score: Score) -> Alignment:
 
 
 def film(take: Take, score: Score, folder: Path) -> None:
-    """Write a video of a take, its landmarks and the labels of its notes."""
+    """Write a video of a take with hands in a skin's colour, its landmarks and its labels."""
     model = take.scene.model
+    hands = [k for k in range(model.ngeom) if "hand" in model.body(model.geom_bodyid[k]).name]
+    model.geom_rgba[hands], model.geom_matid[hands] = _SKIN, -1
     model.vis.global_.offwidth, model.vis.global_.offheight = 1280, 720
     renderer, data = mujoco.Renderer(model, 720, 1280), mujoco.MjData(model)
     camera = mujoco.MjvCamera()
@@ -97,7 +100,8 @@ def film(take: Take, score: Score, folder: Path) -> None:
 
     folder.mkdir(parents=True, exist_ok=True)
     take.save_wav(folder / "sound.wav")
-    write_video(folder / "film.mp4", pictures(), fps=1 / take.period, audio=folder / "sound.wav")
+    sound, size = folder / "sound.wav", (1280, 720)
+    write_video(folder / "film.mp4", pictures(), fps=1 / take.period, audio=sound, size=size)
     noisy = dataclasses.replace(_FILMED, noise=8.0, dropout=0.05)
     filmed_landmarks(take, noisy).write(folder / "landmarks.npz")
     fingers = np.array(truth_of(take, score))

@@ -19,44 +19,44 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_998,
-    "batch": 1_977,
+    "base": 2_035,
+    "batch": 1_980,
     "buffers": 654,
-    "callbacks": 2_774,
-    "cli": 3_310,
+    "callbacks": 2_785,
+    "cli": 3_405,
     "demonstrations": 1_502,
-    "envs": 3_690,
-    "hands": 1_099,
+    "envs": 3_529,
+    "hands": 997,
     "hyperparams": 35,
     "interop": 236,
-    "jobs": 872,
-    "lab": 5_677,
-    "metrics": 1_053,
-    "music": 8_509,
-    "pipelines": 1_196,
-    "planning": 2_720,
-    "players": 2_161,
+    "jobs": 738,
+    "lab": 7_458,
+    "metrics": 1_368,
+    "music": 8_760,
+    "pipelines": 1_078,
+    "planning": 2_955,
+    "players": 2_162,
     "policies": 1_588,
-    "reading": 578,
-    "simulation": 979,
-    "training": 6_288,
-    "tuning": 1_303,
+    "reading": 545,
+    "simulation": 900,
+    "training": 6_308,
+    "tuning": 1_260,
     "vec_env": 488,
-    "viewing": 2_563,
-    "wrappers": 2_047,
+    "viewing": 3_009,
+    "wrappers": 2_061,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_371
+LONG_WORK_LINES = 3_076
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_620, "modules": 335, "names": 227},
-    "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_136},
+    "core": {"lines": 50_378, "modules": 336, "names": 227},
+    "lab": {"lines": 7_458, "modules": 56, "names": 23},
+    "tests": {"lines": 41_712},
 }
 
 

@@ -69,7 +69,7 @@ ROOMS = [
 ]
 
 
-LAB = ["music", "distillation", "results", "bench", "web", "commands"]
+LAB = ["music", "distillation", "results", "bench", "web", "video", "commands"]
 """Rooms of the lab, likewise."""
 
 

@@ -111,6 +111,11 @@ COMMANDS = {
         "list, show, import, export, remove and rank pieces",
         "pieces show my.mid",
     ),
+    "fingering-from-video": (
+        "sb3_piano.lab.commands.video:add_arguments",
+        "find the fingers of a filmed pianist",
+        "fingering-from-video concert.mp4 score.mid --detector hands/bin/python",
+    ),
     "export": (
         "sb3_piano.lab.commands.web:add_arguments",
         "export a run without pickles, or the files of the web page",

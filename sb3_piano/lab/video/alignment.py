@@ -1,0 +1,200 @@
+"""Align the sound of a video with a score: when is each note struck in the video?"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.lab.video.extra import import_extra
+from sb3_piano.music import Score
+
+RATE = 22050
+"""Samples a second of the sound."""
+
+_MOST_FRAMES = 4000  # of the sound, for warping: 128 MB
+_HOP = 512  # samples between two frames of the warping
+_FINE_HOP = 256  # samples between two frames of the onset detection
+_NEAR = 0.12  # s: an onset of the sound further from its place is another one
+_HIT = 0.05  # s
+_DECAY = 2.0  # s: a struck string loses all but 1/e of its energy
+_LEAST_HITS = 0.5
+_LEAST_ALIKE = 0.6  # mean cosine of the chroma
+_NEIGHBOURS = 8  # onsets on each side with a common error, where the tempo changes
+_STRIKES = 0.5  # how much beginnings of notes weigh beside their pitches
+_STEPS = np.array([(1, 1), (1, 2), (2, 1)])  # half to double tempo; cost counts frames of the score
+_STEADY = 0.1  # s: a tempo that leaves a line less than this is steady
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """When the notes of a score are struck in a video."""
+
+    onsets: FloatArray
+    """(n,) s, in the order of the score's notes."""
+    offset: float
+    """When the score begins in the video, s, as a line through the onsets says."""
+    drift: float
+    """Slope of that line: seconds of video for a second of score."""
+    hits: float
+    """Share of the score's onsets with an onset of the sound within 50 ms; NaN without sound."""
+
+
+def read_sound(video: str | os.PathLike[str]) -> Float32Array:
+    """Read the sound of a video, mono, at :data:`RATE`.
+
+    Raises:
+        ConfigError: If there is no such file, or it has no sound.
+    """
+    import imageio_ffmpeg
+
+    path = Path(video).absolute()
+    if not path.is_file():
+        raise ConfigError(f"There is no video '{video}': expected an existing file.")
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", f"file:{path}"]
+    command += ["-vn", "-ac", "1", "-ar", str(RATE), "-f", "f32le", "-"]
+    done = subprocess.run(command, capture_output=True, check=False)
+    if done.returncode or not done.stdout:
+        raise ConfigError(
+            f"No sound can be read from '{video}': expected a video with sound. Give the time of "
+            "the first note with --offset, if the tempo is the score's."
+        )
+    return np.frombuffer(done.stdout, dtype=np.float32)
+
+
+def constant_tempo(score: Score, offset: float) -> Alignment:
+    """Return the alignment of a video in the score's tempo whose first note sounds at a time, s."""
+    onsets = np.array([note.onset for note in score.notes])
+    start = offset - onsets.min()
+    return Alignment(onsets + start, start, 1.0, float("nan"))
+
+
+def align(score: Score, sound: Float32Array) -> Alignment:
+    """Align a sound with a score.
+
+    Dynamic time warping of chroma finds the place of each note roughly; the onsets of the sound
+    place it exactly. Between them times are interpolated.
+
+    Source: the curriculum-strategies report, section 6.4, aligns onsets from librosa with the
+    score by an offset and dynamic time warping.
+
+    Args:
+        score: The notes.
+        sound: (m,) samples at :data:`RATE`.
+
+    Raises:
+        ConfigError: If the sound is silent, or does not fit the score.
+    """
+    librosa = import_extra("librosa")
+    if not len(sound) or np.abs(sound).max() < 1e-4:
+        raise ConfigError("The video's sound is silent: expected the sound of the piece.")
+    hop = _HOP * max(1, -(-len(sound) // (_HOP * _MOST_FRAMES)))
+    heard, written = _heard(librosa, sound, hop), _written(score, hop / RATE)
+    cost = 1 - written[0].T @ heard[0] + _STRIKES * np.abs(written[1][:, None] - heard[1])
+    _, path = librosa.sequence.dtw(
+        C=cost, subseq=True, step_sizes_sigma=_STEPS, weights_mul=_STEPS[:, 0].astype(float)
+    )
+    if (path >= cost.shape).any():  # librosa's answer if the sound is too short for the score
+        raise ConfigError(_misfit(score, sound, 0.0))
+    seconds = path[::-1] * hop / RATE
+    alike = float((written[0].T @ heard[0])[path[:, 0], path[:, 1]].mean())
+    notes = np.array([note.onset for note in score.notes])
+    rough = np.interp(notes, *_single(seconds))
+    reach = _NEIGHBOURS
+    if len(set(notes)) > 1:
+        line = stats.theilslopes(rough, notes)
+        straight = line.intercept + line.slope * notes
+        if np.median(np.abs(straight - rough)) < _STEADY:
+            rough, reach = straight, len(notes)
+    onsets, hits = _snapped(notes, rough, _onsets(librosa, sound), reach)
+    if hits < _LEAST_HITS or alike < _LEAST_ALIKE:
+        raise ConfigError(_misfit(score, sound, hits))
+    drift, offset = np.polyfit(notes, onsets, 1) if len(set(notes)) > 1 else (1.0, onsets[0])
+    return Alignment(onsets, float(offset), float(drift), hits)
+
+
+def _misfit(score: Score, sound: Float32Array, hits: float) -> str:
+    return (
+        f"The sound of {len(sound) / RATE:.0f} s does not fit the score {score.title!r} of "
+        f"{score.duration:.0f} s: {hits:.0%} of its onsets are heard. Expected a video of this "
+        "piece, played once from beginning to end, at half to twice its tempo."
+    )
+
+
+def _heard(librosa: Any, sound: Float32Array, hop: int) -> tuple[FloatArray, FloatArray]:
+    """Return chroma, (12, T), and how strongly notes begin, (T,) 0 to 1, of a sound."""
+    chroma = librosa.feature.chroma_stft(y=sound, sr=RATE, hop_length=hop, n_fft=4096)
+    strength = librosa.onset.onset_strength(y=sound, sr=RATE, hop_length=hop)[: chroma.shape[1]]
+    return _normalized(chroma), np.minimum(strength / np.percentile(strength, 95), 1.0)
+
+
+def _written(score: Score, step: float) -> tuple[FloatArray, FloatArray]:
+    """Return the same as expected from a score, a frame every ``step`` s."""
+    frames = int(score.duration / step) + 2
+    found, begin = np.zeros((12, frames)), np.zeros(frames)
+    for note in score.notes:
+        first, last = int(note.onset / step), int(max(note.offset, note.onset + 0.1) / step) + 1
+        times = np.arange(last - first) * step
+        found[note.pitch % 12, first:last] += np.exp(-times / _DECAY)[: frames - first]
+        begin[first] = 1.0
+    return _normalized(found), begin
+
+
+def _normalized(chroma: FloatArray) -> FloatArray:
+    chroma = np.sqrt(np.maximum(chroma, 0)) + 1e-3  # the loudest note must not hide the others
+    return chroma / np.linalg.norm(chroma, axis=0)
+
+
+def _single(path: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a path as a function: the mean time of the sound at each time of the score."""
+    times, places = np.unique(path[:, 0], return_inverse=True)
+    return times, np.bincount(places, weights=path[:, 1]) / np.bincount(places)
+
+
+def _onsets(librosa: Any, sound: Float32Array) -> FloatArray:
+    strength = librosa.onset.onset_strength(y=sound, sr=RATE, hop_length=_FINE_HOP)
+    return librosa.onset.onset_detect(
+        onset_envelope=strength, sr=RATE, hop_length=_FINE_HOP, units="time", delta=0.03, wait=2
+    )
+
+
+def _snapped(
+    notes: FloatArray, rough: FloatArray, heard: FloatArray, reach: int
+) -> tuple[FloatArray, float]:
+    """Move each onset to that of the sound; return the share that have one within 50 ms, too.
+
+    What ``reach`` neighbours on each side have in common is removed first.
+    """
+    times, places = np.unique(notes, return_inverse=True)
+    rough = np.interp(times, notes, rough) if len(times) < 2 else rough[_firsts(places)]
+    if len(heard) == 0:
+        return rough[places], 0.0
+    # The warping is as coarse as its frames, and late where a sound grows slowly.
+    for _ in range(3):
+        nearest = heard[np.abs(heard[:, None] - rough).argmin(axis=0)]
+        off = np.where(np.abs(nearest - rough) < _NEAR, nearest - rough, np.nan)
+        rough = rough + _running_median(off, reach)
+    nearest = heard[np.abs(heard[:, None] - rough).argmin(axis=0)]
+    hit = np.abs(nearest - rough) < _HIT
+    if hit.any():
+        moved = np.interp(times, times[hit], (nearest - rough)[hit])
+        rough = np.maximum.accumulate(rough + moved)
+    return rough[places], float(hit.mean())
+
+
+def _firsts(places: Any) -> Any:
+    return np.unique(places, return_index=True)[1]
+
+
+def _running_median(values: FloatArray, reach: int) -> FloatArray:
+    """Return the median of each value's neighbours without NaN; 0 if there are none."""
+    padded = np.pad(values, reach, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
+    return np.array([np.median(w[~np.isnan(w)]) if (~np.isnan(w)).any() else 0 for w in windows])

@@ -56,7 +56,7 @@ LONG_WORK_LINES = 3_371
 TOTALS = {
     "core": {"lines": 49_620, "modules": 335, "names": 227},
     "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 41_025},
+    "tests": {"lines": 41_030},
 }
 
 

@@ -21,7 +21,8 @@ def main(video: str, out: str) -> None:
     import mediapipe
     import numpy as np
 
-    times, points, confidence = [], [], []
+    times: list[float] = []
+    points, confidence = [], []
     reader = cv2.VideoCapture(video)
     hands = mediapipe.solutions.hands.Hands(max_num_hands=2, min_detection_confidence=0.3)
     while True:

@@ -24,7 +24,7 @@ Picture = npt.NDArray[np.uint8]
 BLACK = np.isin((MIN_PITCH + np.arange(NUM_KEYS)) % 12, (1, 3, 6, 8, 10))
 """(88,) whether a key is black."""
 
-_LEFT_EDGES = np.cumsum(~BLACK) - ~BLACK  # of white keys; a black one has that of the key above it
+_LEFT_EDGES: npt.NDArray[np.int_] = np.cumsum(~BLACK) - ~BLACK  # of white keys; a black one has that of the key above it
 CENTERS: FloatArray = _LEFT_EDGES + np.where(BLACK, 0.0, 0.5)
 """(88,) u of the keys' middles."""
 
@@ -96,7 +96,7 @@ class KeyboardPlane:
 
     def to_pixels(self, places: npt.ArrayLike) -> FloatArray:
         """Map (..., 2) coordinates u and v to (..., 2) pixels."""
-        return _mapped(np.linalg.inv(self.matrix), np.asarray(places, dtype=float))
+        return _mapped(np.linalg.inv(self.matrix).astype(float), np.asarray(places, dtype=float))
 
     def outline(self, key: int) -> FloatArray:
         """Return the (4, 2) corners of a key (0 to 87) in pixels."""
@@ -193,17 +193,17 @@ def _fit_line(grey: FloatArray, y: int) -> _Fit:
     gaps = np.diff(x)
     unit = np.array([gaps[max(k - 2, 0) : k + 3].min() for k in range(len(gaps))])
     u = np.concatenate([[0], np.cumsum(np.round(gaps / unit))]).astype(int)
-    starts = [s for s in range(1, _LAST_BLACK + 1 - u[-1]) if np.isin(u + s, _BLACK_U).all()]
-    if not starts:
+    places = [s for s in range(1, _LAST_BLACK + 1 - u[-1]) if np.isin(u + s, _BLACK_U).all()]
+    if not places:
         return _NO_FIT
-    u += starts[0]
+    u += places[0]
     # Along a line, a perspective view is a fraction of linear functions.
     equations = np.stack([x, np.ones_like(x), -u * x], axis=1)
     (a, b, c), *_ = np.linalg.lstsq(equations, u, rcond=None)
     if np.abs((a * x + b) / (1 + c * x) - u).max() > _FIT:
         return _NO_FIT
     return _Fit(
-        x, np.flatnonzero(BLACK)[np.searchsorted(_BLACK_U, u)], y, len(starts) > 1, _NO_TURN
+        x, np.flatnonzero(BLACK)[np.searchsorted(_BLACK_U, u)], y, len(places) > 1, _NO_TURN
     )
 
 

@@ -138,10 +138,9 @@ def write_small(take: Take, path: Path) -> None:
     """Write a take whose motion is rounded to 0.1 mm and 0.1 mrad."""
     motion = take.motion
     assert motion is not None, "a piano's take has a motion"
-    small = Motion(
-        hand_qpos=motion.hand_qpos,
-        **{name: _few_digits(getattr(motion, name)) for name in ("actions", "qpos", "fingertips")},
-    )
+    names = ("actions", "qpos", "fingertips")
+    rounded: dict[str, Any] = {name: _few_digits(getattr(motion, name)) for name in names}
+    small = Motion(hand_qpos=motion.hand_qpos, **rounded)
     replace(take, motion=small).write(path)
 
 

@@ -42,7 +42,7 @@ LINES = {
     "training": 6_288,
     "tuning": 1_303,
     "vec_env": 488,
-    "viewing": 2_982,
+    "viewing": 2_984,
     "wrappers": 2_047,
 }
 
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_371
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_114, "modules": 335, "names": 227},
+    "core": {"lines": 50_116, "modules": 335, "names": 227},
     "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_225},
+    "tests": {"lines": 42_232},
 }
 
 

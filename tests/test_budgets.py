@@ -30,7 +30,7 @@ LINES = {
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
-    "lab": 5_677,
+    "lab": 5_803,
     "metrics": 1_053,
     "music": 8_509,
     "pipelines": 1_196,
@@ -55,8 +55,8 @@ LONG_WORK_LINES = 3_371
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
     "core": {"lines": 49_620, "modules": 335, "names": 227},
-    "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_132},
+    "lab": {"lines": 5_803, "modules": 43, "names": 23},
+    "tests": {"lines": 42_317},
 }
 
 

@@ -19,30 +19,30 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 1_998,
+    "base": 2_031,
     "batch": 1_977,
     "buffers": 654,
     "callbacks": 2_774,
-    "cli": 3_310,
+    "cli": 3_315,
     "demonstrations": 1_502,
-    "envs": 3_690,
+    "envs": 3_701,
     "hands": 1_099,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 872,
-    "lab": 5_677,
-    "metrics": 1_053,
-    "music": 8_509,
+    "lab": 6_012,
+    "metrics": 1_368,
+    "music": 8_517,
     "pipelines": 1_196,
     "planning": 2_720,
     "players": 2_161,
     "policies": 1_588,
     "reading": 578,
     "simulation": 979,
-    "training": 6_288,
+    "training": 6_303,
     "tuning": 1_303,
     "vec_env": 488,
-    "viewing": 2_563,
+    "viewing": 2_587,
     "wrappers": 2_047,
 }
 
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_371
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 49_620, "modules": 335, "names": 227},
-    "lab": {"lines": 5_677, "modules": 43, "names": 23},
-    "tests": {"lines": 42_132},
+    "core": {"lines": 50_031, "modules": 336, "names": 227},
+    "lab": {"lines": 6_012, "modules": 44, "names": 23},
+    "tests": {"lines": 42_434},
 }
 
 

@@ -56,7 +56,7 @@ LONG_WORK_LINES = 3_076
 TOTALS = {
     "core": {"lines": 50_378, "modules": 336, "names": 227},
     "lab": {"lines": 7_458, "modules": 56, "names": 23},
-    "tests": {"lines": 41_712},
+    "tests": {"lines": 41_724},
 }
 
 

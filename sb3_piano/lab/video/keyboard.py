@@ -24,8 +24,8 @@ Picture = npt.NDArray[np.uint8]
 BLACK = np.isin((MIN_PITCH + np.arange(NUM_KEYS)) % 12, (1, 3, 6, 8, 10))
 """(88,) whether a key is black."""
 
-_LEFT_EDGES: npt.NDArray[np.int_] = np.cumsum(~BLACK) - ~BLACK  # of white keys; a black one has that of the key above it
-CENTERS: FloatArray = _LEFT_EDGES + np.where(BLACK, 0.0, 0.5)
+# A white key begins where those before it end, and a black one is in the middle of such a place.
+CENTERS: FloatArray = np.cumsum(~BLACK) - np.where(BLACK, 0.0, 0.5)
 """(88,) u of the keys' middles."""
 
 KEY_LENGTH = 6.4

@@ -30,7 +30,7 @@ LINES = {
     "hyperparams": 35,
     "interop": 236,
     "jobs": 738,
-    "lab": 7_458,
+    "lab": 7_490,
     "metrics": 1_368,
     "music": 8_760,
     "pipelines": 1_078,
@@ -55,8 +55,8 @@ LONG_WORK_LINES = 3_076
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
     "core": {"lines": 50_378, "modules": 336, "names": 227},
-    "lab": {"lines": 7_458, "modules": 56, "names": 23},
-    "tests": {"lines": 41_724},
+    "lab": {"lines": 7_490, "modules": 55, "names": 23},
+    "tests": {"lines": 41_725},
 }
 
 

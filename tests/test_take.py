@@ -126,7 +126,7 @@ def test_one_line_of_python_plays_a_file():
     take.save_report("take.html")
     assert "sight-reader" in Path("take.html").read_text(encoding="utf-8")
     assert f"F1 {take.f1:.3f}" in take._repr_html_()
-    assert "data:audio/wav;base64," in take._repr_html_()
+    assert "data:audio/mpeg;base64," in take._repr_html_()
     assert dir(sb3_piano) == sorted(sb3_piano.__all__)
     silent = dataclasses.replace(take, performance=None)
     with pytest.raises(RunError, match="No key was pressed"):

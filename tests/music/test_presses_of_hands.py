@@ -54,9 +54,9 @@ def test_a_press_begins_with_every_strike_and_contains_no_other(drawn):
 def test_presses_are_in_order_of_time_then_key():
     roll = roll_of((2, 4, 0, 20), (0, 3, 1, 45), (0, 2, 2, 44))
     assert presses_of_hand(roll, 0) == [
-        Press(key=44, finger=2, first=1, last=2),
-        Press(key=45, finger=1, first=1, last=3),
-        Press(key=20, finger=0, first=3, last=4),
+        Press(key=44, finger=2, first=1, last=2, velocity=80),
+        Press(key=45, finger=1, first=1, last=3, velocity=80),
+        Press(key=20, finger=0, first=3, last=4, velocity=80),
     ]
 
 

@@ -13,6 +13,9 @@ interface Table {
   readonly data: Numbers;
 }
 
+/** A forearm of the page's slides along and across the keys. */
+const FOREARM_JOINTS = 2;
+
 /** The file's facts that the page needs. */
 interface Header {
   readonly format: number;
@@ -61,7 +64,7 @@ export async function readTake(bytes: Uint8Array, name: string): Promise<Take> {
     if (time !== CONTROL_TIMESTEP) throw new Error(`its control steps last ${time} s, not ${CONTROL_TIMESTEP}`);
     const scene = header.scene_options;
     if (scene.hand !== "shadow") throw new Error(`its hand is ${scene.hand}, not shadow`);
-    if (String(scene.forearm_dofs) !== "forearm_tx,forearm_ty") throw new Error("its forearms have other joints");
+    if (scene.forearm_dofs.length !== FOREARM_JOINTS) throw new Error("its forearms have other joints");
     const onset = table("roll_onset").data.slice(0, steps * NUM_KEYS) as Uint8Array;
     const times = table("roll_onset_time").data;
     const struck = [...onset.keys()].filter((place) => onset[place] === 1);

@@ -9,16 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import numpy.typing as npt
+from scipy import signal, stats
 
 from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.lab.video.extra import import_extra
 from sb3_piano.music import Score
 
 RATE = 22050
 """Samples a second of the sound."""
 
+_LOWEST, _HIGHEST = 60.0, 4000.0  # Hz: where the spectrum tells semitones apart, and notes sound
 _MOST_FRAMES = 4000  # of the sound, for warping: 128 MB
 _HOP = 512  # samples between two frames of the warping
 _FINE_HOP = 256  # samples between two frames of the onset detection
@@ -29,7 +30,7 @@ _LEAST_HITS = 0.5
 _LEAST_ALIKE = 0.6  # mean cosine of the chroma
 _NEIGHBOURS = 8  # onsets on each side with a common error, where the tempo changes
 _STRIKES = 0.5  # how much beginnings of notes weigh beside their pitches
-_STEPS = np.array([(1, 1), (1, 2), (2, 1)])  # half to double tempo; cost counts frames of the score
+_STEPS = ((1, 1), (1, 2), (2, 1))  # frames of the score and of the sound: half to double tempo
 _STEADY = 0.1  # s: a tempo that leaves a line less than this is steady
 
 
@@ -82,8 +83,8 @@ def align(score: Score, sound: Float32Array) -> Alignment:
     Dynamic time warping of chroma finds the place of each note roughly; the onsets of the sound
     place it exactly. Between them times are interpolated.
 
-    Source: the curriculum-strategies report, section 6.4, aligns onsets from librosa with the
-    score by an offset and dynamic time warping.
+    Source: the curriculum-strategies report, section 6.4, aligns onsets with the score by an offset
+    and dynamic time warping.
 
     Args:
         score: The notes.
@@ -92,18 +93,15 @@ def align(score: Score, sound: Float32Array) -> Alignment:
     Raises:
         ConfigError: If the sound is silent, or does not fit the score.
     """
-    librosa = import_extra("librosa")
     if not len(sound) or np.abs(sound).max() < 1e-4:
         raise ConfigError("The video's sound is silent: expected the sound of the piece.")
     hop = _HOP * max(1, -(-len(sound) // (_HOP * _MOST_FRAMES)))
-    heard, written = _heard(librosa, sound, hop), _written(score, hop / RATE)
+    heard, written = _heard(sound, hop), _written(score, hop / RATE)
     cost = 1 - written[0].T @ heard[0] + _STRIKES * np.abs(written[1][:, None] - heard[1])
-    _, path = librosa.sequence.dtw(
-        C=cost, subseq=True, step_sizes_sigma=_STEPS, weights_mul=_STEPS[:, 0].astype(float)
-    )
-    if (path >= cost.shape).any():  # librosa's answer if the sound is too short for the score
+    path = _warped(cost)
+    if path is None:
         raise ConfigError(_misfit(score, sound, 0.0))
-    seconds = path[::-1] * hop / RATE
+    seconds = path * hop / RATE
     alike = float((written[0].T @ heard[0])[path[:, 0], path[:, 1]].mean())
     notes = np.array([note.onset for note in score.notes])
     rough = np.interp(notes, *_single(seconds))
@@ -113,7 +111,7 @@ def align(score: Score, sound: Float32Array) -> Alignment:
         straight = line.intercept + line.slope * notes
         if np.median(np.abs(straight - rough)) < _STEADY:
             rough, reach = straight, len(notes)
-    onsets, hits = _snapped(notes, rough, _onsets(librosa, sound), reach)
+    onsets, hits = _snapped(notes, rough, _onsets(sound), reach)
     if hits < _LEAST_HITS or alike < _LEAST_ALIKE:
         raise ConfigError(_misfit(score, sound, hits))
     drift, offset = np.polyfit(notes, onsets, 1) if len(set(notes)) > 1 else (1.0, onsets[0])
@@ -128,11 +126,60 @@ def _misfit(score: Score, sound: Float32Array, hits: float) -> str:
     )
 
 
-def _heard(librosa: Any, sound: Float32Array, hop: int) -> tuple[FloatArray, FloatArray]:
+def _warped(cost: FloatArray) -> npt.NDArray[np.int_] | None:
+    """Return the cheapest path through a cost matrix, (n, 2) growing rows and columns.
+
+    It begins in the first row and ends in the last one, in any columns. Its steps are (1, 1),
+    (1, 2) and (2, 1), whose costs count by rows, so that no tempo is cheaper than another. There is
+    none if the sound is too short. (librosa, which has the same, compiles itself for 20 s when it
+    is first imported, into files that two processes can damage; the next one then crashes.)
+    """
+    rows, columns = cost.shape
+    total = np.full((rows + 2, columns + 2), np.inf)  # two rows and columns before the first
+    total[2, 2:] = cost[0]
+    steps = np.zeros((rows, columns), dtype=np.int8)
+    for row in range(1, rows):
+        ways = [total[row + 2 - down, 2 - right : columns + 2 - right] for down, right in _STEPS]
+        ways = [way + down * cost[row] for way, (down, _) in zip(ways, _STEPS, strict=True)]
+        steps[row] = np.argmin(ways, axis=0)
+        total[row + 2, 2:] = np.min(ways, axis=0)
+    row, column = rows - 1, int(total[-1, 2:].argmin())
+    if not np.isfinite(total[-1, column + 2]):
+        return None
+    path = [(row, column)]
+    while row > 0:
+        down, right = _STEPS[steps[row, column]]
+        row, column = row - down, column - right
+        path.append((row, column))
+    return np.array(path[::-1])
+
+
+def _heard(sound: Float32Array, hop: int) -> tuple[FloatArray, FloatArray]:
     """Return chroma, (12, T), and how strongly notes begin, (T,) 0 to 1, of a sound."""
-    chroma = librosa.feature.chroma_stft(y=sound, sr=RATE, hop_length=hop, n_fft=4096)
-    strength = librosa.onset.onset_strength(y=sound, sr=RATE, hop_length=hop)[: chroma.shape[1]]
+    frequency, energy = _spectrum(sound, 4096, hop)
+    audible = (frequency > _LOWEST) & (frequency < _HIGHEST)
+    pitch = np.round(69 + 12 * np.log2(frequency[audible] / 440)).astype(int)
+    chroma = np.zeros((12, energy.shape[1]))
+    np.add.at(chroma, pitch % 12, energy[audible])
+    strength = _strength(sound, hop)[: chroma.shape[1]]
     return _normalized(chroma), np.minimum(strength / np.percentile(strength, 95), 1.0)
+
+
+def _strength(sound: Float32Array, hop: int) -> FloatArray:
+    """Return how strongly notes begin, (T,): what grows in the logarithmic spectrum.
+
+    Source: spectral flux (Dixon 2006, "Onset Detection Revisited").
+    """
+    _, energy = _spectrum(sound, 1024, hop)
+    level = np.log1p(100 * np.sqrt(energy / energy.max()))
+    growth = np.maximum(np.diff(level, axis=1, prepend=level[:, :1]), 0).sum(axis=0)
+    return growth
+
+
+def _spectrum(sound: Float32Array, window: int, hop: int) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies, Hz, and their energy, (n, T), around each ``hop`` samples."""
+    frequency, _, found = signal.stft(sound, RATE, nperseg=window, noverlap=window - hop)
+    return frequency, np.abs(found) ** 2
 
 
 def _written(score: Score, step: float) -> tuple[FloatArray, FloatArray]:
@@ -158,11 +205,12 @@ def _single(path: FloatArray) -> tuple[FloatArray, FloatArray]:
     return times, np.bincount(places, weights=path[:, 1]) / np.bincount(places)
 
 
-def _onsets(librosa: Any, sound: Float32Array) -> FloatArray:
-    strength = librosa.onset.onset_strength(y=sound, sr=RATE, hop_length=_FINE_HOP)
-    return librosa.onset.onset_detect(
-        onset_envelope=strength, sr=RATE, hop_length=_FINE_HOP, units="time", delta=0.03, wait=2
-    )
+def _onsets(sound: Float32Array) -> FloatArray:
+    """Return the onsets of a sound, s."""
+    strength = _strength(sound, _FINE_HOP)
+    level = np.percentile(strength, 95)
+    peaks, _ = signal.find_peaks(strength, prominence=0.1 * level, distance=3)
+    return peaks * _FINE_HOP / RATE
 
 
 def _snapped(

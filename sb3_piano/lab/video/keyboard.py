@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.exceptions import ConfigError
-from sb3_piano.lab.video.extra import import_extra
+from sb3_piano.exceptions import ConfigError, MissingPackageError, install_command
 from sb3_piano.music.constants import MIN_PITCH, NUM_KEYS
 
 Picture = npt.NDArray[np.uint8]
@@ -44,7 +43,13 @@ def import_cv2() -> Any:
     Raises:
         MissingPackageError: If it is not installed.
     """
-    return import_extra("cv2")
+    try:
+        import cv2
+    except ImportError as error:
+        raise MissingPackageError(
+            f"Fingering from video needs OpenCV: {install_command('video-fingering')}"
+        ) from error
+    return cv2
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import safetensors.numpy
 
 from sb3_piano.envs import PianoEnv, PianoEnvConfig
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.hands import DEFAULT_HAND, find_hand
 from sb3_piano.music import Score
 from sb3_piano.planning import Plan, PlanSettings, Tracker
 from sb3_piano.planning.hand_plan import HandPlan
@@ -32,8 +33,8 @@ _GAIN_STEPS = 127
 # the file, not simulated, and takes a third of the space.
 _MOTION_STEPS = 2**13
 
-_HAND, _FOREARM = "shadow", ("forearm_tx", "forearm_ty")
-"""What the page shows."""
+_FOREARM = find_hand(DEFAULT_HAND).forearm_dofs()
+"""Joints of the forearms that the page shows."""
 
 
 def sight_read(score: Score, tree: TreeSettings | None = None) -> Take:
@@ -156,7 +157,7 @@ def _shown(take: Take, name: str) -> Take:
         ConfigError: If it has other hands or other control steps.
     """
     options, step = take.scene_options, take.piano.roll.control_timestep
-    if options["hand"] != _HAND or tuple(options["forearm_dofs"]) != _FOREARM:
+    if options["hand"] != DEFAULT_HAND or tuple(options["forearm_dofs"]) != _FOREARM:
         problem = (
             f"its hand is {options['hand']!r}, with the forearm's joints {options['forearm_dofs']}"
         )
@@ -165,7 +166,7 @@ def _shown(take: Take, name: str) -> Take:
     else:
         return take
     raise ConfigError(
-        f"{name} cannot be shown on the page: {problem}. Expected {_HAND!r}, {_FOREARM} and "
+        f"{name} cannot be shown on the page: {problem}. Expected {DEFAULT_HAND!r}, {_FOREARM} and "
         f"{PianoEnvConfig.control_timestep} s."
     )
 

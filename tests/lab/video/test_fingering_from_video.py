@@ -21,7 +21,6 @@ from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.viewing.video import write_video
 
 cv2 = pytest.importorskip("cv2")
-pytest.importorskip("librosa")
 
 CAMERA = Camera(height=1.1, tilt=25, field=70)
 

@@ -64,7 +64,8 @@ def add_arguments(parser: Any) -> None:
     about = "judge people, and players of the same pieces, by recordings with beats, as of (n)ASAP"
     add = add_command(parts, "human", _human, about, epilog=TRUST)
     add("folder", "FOLDER", "folder with a folder for each piece", Path)
-    add("--players", "PLAYER", f"{_PLAYERS_HELP}; refined-N after N passes", nargs="+", default=[])
+    refined = f"{_PLAYERS_HELP}; refined-N after N passes"
+    add("--player", "PLAYER", refined, nargs="+", default=[], dest="players")
     add("--performed", text="players copy the recording; default: they play the score in its tempo")
     add("--seconds", "S", "length of the beginning that counts; default: 60", float, 60.0)
     add("--out", "FILE.json", "output file; what it has is not played again", Path)

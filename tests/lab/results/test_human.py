@@ -105,7 +105,7 @@ def test_the_command_plays_what_its_file_lacks(tmp_path, capsys):
     assert main(command) == 0
     people = capsys.readouterr().out
     assert people.startswith("| mean of 2 pieces, as scored | people |\n")
-    assert main([*command, *out, "--players", "sight-reader", "--performed"]) == 0
+    assert main([*command, *out, "--player", "sight-reader", "--performed"]) == 0
     first = capsys.readouterr().out
     assert "| mean of 2 pieces, as performed | people | sight-reader |" in first
     assert "| differs most | people | sight-reader, sd |" in first
@@ -113,7 +113,7 @@ def test_the_command_plays_what_its_file_lacks(tmp_path, capsys):
     assert {one["target"] for one in found["judged"]} == {TARGETS[1]}
     found["judged"][0]["metrics"]["f1"] = -10.0  # what is there is not played again
     (tmp_path / "found.json").write_text(json.dumps(found))
-    assert main([*command, *out, "--players", "sight-reader", "--performed"]) == 0
+    assert main([*command, *out, "--player", "sight-reader", "--performed"]) == 0
     assert "| F1 | 0.9" in first
     assert "| -4." in capsys.readouterr().out
     assert main([*command[:3], *out, "--seconds", "2"]) == 2

@@ -22,7 +22,7 @@ LINES = {
     "base": 2_035,
     "batch": 1_980,
     "buffers": 654,
-    "callbacks": 2_785,
+    "callbacks": 2_792,
     "cli": 3_405,
     "demonstrations": 1_502,
     "envs": 3_529,
@@ -30,7 +30,7 @@ LINES = {
     "hyperparams": 35,
     "interop": 236,
     "jobs": 738,
-    "lab": 7_490,
+    "lab": 7_491,
     "metrics": 1_368,
     "music": 8_760,
     "pipelines": 1_078,
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_076
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_378, "modules": 336, "names": 227},
-    "lab": {"lines": 7_490, "modules": 55, "names": 23},
-    "tests": {"lines": 41_725},
+    "core": {"lines": 50_385, "modules": 336, "names": 227},
+    "lab": {"lines": 7_491, "modules": 55, "names": 23},
+    "tests": {"lines": 41_726},
 }
 
 

@@ -47,6 +47,7 @@ def site(tmp_path_factory, worker_id):
             command = [sys.executable, "-m", "mkdocs", "build", "--site-dir", str(folder)]
             quiet = {"NO_MKDOCS_2_WARNING": "1", "MUJOCO_GL": os.environ.get("MUJOCO_GL", "osmesa")}
             quiet["OMP_NUM_THREADS"] = "1"  # faster for the small networks of the notebooks
+            quiet["NOTEBOOK_STEPS"] = "800"
             done = subprocess.run(
                 command, cwd=ROOT, capture_output=True, text=True, env=os.environ | quiet
             )

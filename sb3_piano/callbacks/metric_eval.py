@@ -71,6 +71,9 @@ class BestModel:
 _BASELINE = "noop_f1"
 
 
+_SB3 = "stable_baselines3."
+
+
 class MetricEvalCallback(OwnEnvCallback, EvalCallback):
     """SB3's ``EvalCallback`` with a metric of the final ``info`` in place of the return.
 
@@ -205,10 +208,14 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
                 self.best_mean_reward = max(self.best_mean_reward, saved.value)
 
     def _refuse_other_tasks(self) -> None:
-        """Refuse Gymnasium's own environments before the training, not at its first evaluation."""
+        """Refuse Gymnasium's own environments before the training, not at its first evaluation.
+
+        A wrapper from elsewhere may add the metric.
+        """
         spec = self.eval_env.unwrapped.get_attr("spec")[0]
-        made = "" if spec is None else str(spec.entry_point)
-        if made.startswith("gymnasium.envs.") and self.metric in EPISODE_METRICS:
+        parts = [] if spec is None else [spec, *spec.additional_wrappers]
+        known = [str(part.entry_point).startswith(("gymnasium.", _SB3)) for part in parts]
+        if known and all(known) and self.metric in EPISODE_METRICS:
             raise ConfigError(
                 f"{type(self).__name__} cannot evaluate {spec.id}, whose episodes have no "
                 f"{self.metric!r}: expected a piano environment."

@@ -58,9 +58,9 @@ def test_pictures_sound_and_notes_are_named_by_the_environment_steps(n_envs, tmp
     assert names - {f"step_{step}.mid"} == {f"step_{step}.mp4", f"step_{step}.wav"}
     with av.open(str(tmp_path / f"step_{step}.mp4")) as video:
         pictures = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
-        assert video.streams.video[0].average_rate == 20
+        assert video.streams.video[0].average_rate == 60
         assert len(video.streams.audio) == 1
-    assert len(pictures) == 1 + 3  # 0.15 s
+    assert len(pictures) == 12  # 0.15 s, and the control step before
     assert pictures[0].shape == (36, 64, 3)
     assert pictures[0].std() > 1.0
 

@@ -73,7 +73,7 @@ def test_a_piece_plays_itself_and_the_videos_sound_begins_its_notes_when_the_mid
     played = play_score(
         PIECE, tmp_path, picture=SMALL, progress=lambda done, total: told.append((done, total))
     )
-    assert told == [(k, 24) for k in range(1, 25)]
+    assert told == [(k, 72) for k in range(73)]
     assert names_in(tmp_path) == FILES
     assert (played.midi, played.wav, played.video) == tuple(
         tmp_path / name for name in ("performance.mid", "performance.wav", "performance.mp4")
@@ -82,9 +82,9 @@ def test_a_piece_plays_itself_and_the_videos_sound_begins_its_notes_when_the_mid
     onsets = [note.onset for note in read_midi(played.midi).notes]
     assert onsets == pytest.approx([0.12, 0.5, 0.913], abs=1e-4)
     count, size, rate, sound, sample_rate = video_of(played.video)
-    # 1.1 s are 22 steps and a silent one, and there is a picture before the first
-    assert (count, size, rate) == (24, (64, 48), 20)
-    assert len(sound) / sample_rate == pytest.approx(24 / 20, abs=0.025)
+    # 1.1 s are 22 steps and a silent one; as much as a step is seen before the first
+    assert (count, size, rate) == (72, (64, 48), 60)
+    assert len(sound) / sample_rate == pytest.approx(72 / 60, abs=0.025)
     np.testing.assert_allclose(onsets_in(sound, sample_rate), onsets, atol=0.05)
 
 
@@ -96,8 +96,8 @@ def test_what_a_runs_model_plays_is_heard_in_its_video(piano_run, midi_file, tmp
     assert played.folder == run / "play"
     onsets = np.array([note.onset for note in read_midi(played.midi).notes])
     count, _, _, sound, rate = video_of(played.video)
-    assert count == len(PianoEnv(str(midi_file)).roll) + 1
-    assert len(sound) / rate == pytest.approx(count / 20, abs=0.025)
+    assert count == 3 * (len(PianoEnv(str(midi_file)).roll) + 1)  # of each step
+    assert len(sound) / rate == pytest.approx(count / 60, abs=0.025)
     heard = onsets_in(sound, rate)
     assert heard[0] == pytest.approx(onsets[0], abs=0.05)
     # notes in quick succession merge, but none is heard that was not played

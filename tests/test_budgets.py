@@ -29,8 +29,8 @@ LINES = {
     "hands": 997,
     "hyperparams": 35,
     "interop": 236,
-    "jobs": 738,
-    "lab": 7_491,
+    "jobs": 741,
+    "lab": 7_493,
     "metrics": 1_368,
     "music": 8_760,
     "pipelines": 1_078,
@@ -50,13 +50,13 @@ LINES = {
 # has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
 # `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_076
+LONG_WORK_LINES = 3_079
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_385, "modules": 336, "names": 227},
-    "lab": {"lines": 7_491, "modules": 55, "names": 23},
-    "tests": {"lines": 41_726},
+    "core": {"lines": 50_388, "modules": 336, "names": 227},
+    "lab": {"lines": 7_493, "modules": 55, "names": 23},
+    "tests": {"lines": 41_748},
 }
 
 

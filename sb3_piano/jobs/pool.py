@@ -157,6 +157,9 @@ def _serve(requests: Connection, answers: Connection, environment: Mapping[str, 
         os.setpgid(0, 0)
     os.environ.clear()
     os.environ.update(environment)
+    torch: Any = sys.modules.get("torch")  # a server from before imported it with other threads
+    if torch is not None and environment["OMP_NUM_THREADS"].isdecimal():
+        torch.set_num_threads(int(environment["OMP_NUM_THREADS"]))
     todo: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     ending = threading.Event()
     threading.Thread(target=_listen, args=(requests, todo, ending), daemon=True).start()

@@ -313,3 +313,25 @@ def test_on_a_cluster_jobs_of_a_node_that_dies_go_on_elsewhere(ray_cluster, tmp_
     assert_done(tmp_path)
     assert sum(done > 0 for _, done, _ in log(tmp_path)) == 1
     assert len(log(tmp_path)) == 5
+
+
+SERVED_BEFORE = """
+import multiprocessing
+import torch
+context = multiprocessing.get_context("forkserver")
+context.set_forkserver_preload(["torch"])
+first = context.Process(target=print)
+first.start()
+first.join()
+from sb3_piano.jobs import open_executor
+with open_executor(1) as executor:
+    print("threads", executor.submit(torch.get_num_threads).result())
+"""
+
+
+@pytest.mark.slow
+def test_a_worker_computes_in_one_thread_even_if_others_started_the_server_of_processes():
+    environment = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"}
+    program = [sys.executable, "-c", SERVED_BEFORE]
+    done = subprocess.run(program, capture_output=True, text=True, env=environment)
+    assert "threads 1" in done.stdout, done.stderr

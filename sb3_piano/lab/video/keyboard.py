@@ -134,6 +134,8 @@ def find_keyboard(picture: Picture) -> KeyboardPlane:
     height, width = grey.shape
     best = _NO_FIT
     for angle in (0, -3, 3, -6, 6, -9, 9):
+        if len(best.keys) == np.count_nonzero(BLACK):
+            break
         turn = cv2.getRotationMatrix2D((width / 2, height / 2), angle, 1.0)
         turned = cv2.warpAffine(grey, turn, (width, height), borderValue=0)
         fits = [_fit_line(turned, y) for y in range(2, height - 2, max(height // 120, 1))]

@@ -22,7 +22,7 @@ LINES = {
     "base": 2_035,
     "batch": 1_980,
     "buffers": 654,
-    "callbacks": 2_792,
+    "callbacks": 2_791,
     "cli": 3_405,
     "demonstrations": 1_502,
     "envs": 3_529,
@@ -30,7 +30,7 @@ LINES = {
     "hyperparams": 35,
     "interop": 236,
     "jobs": 741,
-    "lab": 7_493,
+    "lab": 7_479,
     "metrics": 1_368,
     "music": 8_760,
     "pipelines": 1_078,
@@ -42,7 +42,7 @@ LINES = {
     "training": 6_308,
     "tuning": 1_260,
     "vec_env": 488,
-    "viewing": 3_009,
+    "viewing": 3_012,
     "wrappers": 2_061,
 }
 
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_079
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_388, "modules": 336, "names": 227},
-    "lab": {"lines": 7_493, "modules": 55, "names": 23},
-    "tests": {"lines": 41_748},
+    "core": {"lines": 50_390, "modules": 336, "names": 227},
+    "lab": {"lines": 7_479, "modules": 55, "names": 23},
+    "tests": {"lines": 41_755},
 }
 
 

@@ -71,9 +71,6 @@ class BestModel:
 _BASELINE = "noop_f1"
 
 
-_SB3 = "stable_baselines3."
-
-
 class MetricEvalCallback(OwnEnvCallback, EvalCallback):
     """SB3's ``EvalCallback`` with a metric of the final ``info`` in place of the return.
 
@@ -214,7 +211,9 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
         """
         spec = self.eval_env.unwrapped.get_attr("spec")[0]
         parts = [] if spec is None else [spec, *spec.additional_wrappers]
-        known = [str(part.entry_point).startswith(("gymnasium.", _SB3)) for part in parts]
+        known = [
+            str(part.entry_point).startswith(("gymnasium.", "stable_baselines3.")) for part in parts
+        ]
         if known and all(known) and self.metric in EPISODE_METRICS:
             raise ConfigError(
                 f"{type(self).__name__} cannot evaluate {spec.id}, whose episodes have no "

@@ -212,7 +212,7 @@ def _equally_loud(target: _Notes, played: _Notes, pairs: IntPairs) -> int:
 
 def _of_chords(a: _Notes, b: _Notes) -> dict[str, float]:
     spreads, leads, ordered = [], [], []
-    for chord in _chords(a.onset):
+    for chord in chords(a.onset):
         time, key, due = b.onset[chord], a.key[chord], a.onset[chord]
         if not np.ptp(key):
             continue
@@ -229,8 +229,8 @@ def _of_chords(a: _Notes, b: _Notes) -> dict[str, float]:
     }
 
 
-def _chords(onset: FloatArray) -> Iterator[IntArray]:
-    """Yield the indices of the notes due together; onsets in any order."""
+def chords(onset: FloatArray) -> Iterator[IntArray]:
+    """Yield the indices of the notes due together, see :data:`TOGETHER`; onsets in any order."""
     order = np.argsort(onset, kind="stable")
     times, first = onset[order], 0
     while first < len(order):

@@ -79,7 +79,9 @@ def write_video(
         with _ffmpeg_running(path, _muxing(silent, audio, count / rate, whole)):
             pass
         if not whole.exists() or whole.stat().st_size == 0:
-            raise RenderingError(f"Cannot write '{path}': {_ffmpeg()!r} writes no file. {_FFMPEG}")
+            raise RenderingError(
+                f"Cannot write '{path}': {ffmpeg_program()!r} writes no file. {_FFMPEG}"
+            )
         os.replace(whole, path)
 
 
@@ -111,7 +113,7 @@ def _muxing(
 def _ffmpeg_running(path: Path, arguments: list[str]) -> Iterator[IO[bytes]]:
     """Context manager that runs ffmpeg and yields its input; ends it after an error."""
     with tempfile.TemporaryFile() as messages:
-        program = _ffmpeg()
+        program = ffmpeg_program()
         try:
             process = subprocess.Popen(
                 [program, "-y", "-v", "error", *arguments],
@@ -144,7 +146,8 @@ def _ffmpeg_running(path: Path, arguments: list[str]) -> Iterator[IO[bytes]]:
             )
 
 
-def _ffmpeg() -> str:
+def ffmpeg_program() -> str:
+    """Return the path of ffmpeg; a ``RenderingError`` says how to install it."""
     try:
         import imageio_ffmpeg
     except ImportError as error:

@@ -8,27 +8,24 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_OK, adder, check_output_file
+from sb3_piano.cli.common import EXIT_OK, check_output_file, command
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import write_text
 
 if TYPE_CHECKING:
     from sb3_piano.lab.video.alignment import Alignment
-    from sb3_piano.lab.video.keyboard import KeyboardPlane, Picture
+    from sb3_piano.lab.video.keyboard import KeyboardPlane
     from sb3_piano.lab.video.landmarks import Landmarks
     from sb3_piano.music import Score
+    from sb3_piano.viewing.video import Frame
 
 _KEYS = ["A0", "C8"]
 
 
 def add_arguments(parser: Any) -> None:
     """Add the command's arguments."""
-    parser.set_defaults(command=_run)
-    parser.description = (
-        "Find which finger a filmed pianist used for each note of a score, for an environment's "
-        "option 'fingering'."
-    )
-    add = adder(parser)
+    about = "Find which finger a filmed pianist used for each note, as labels for 'fingering'."
+    add = command(parser, _run, description=about)
     add("video", "VIDEO", "the video, filmed from above by a camera that does not move", Path)
     add("score", "SCORE", "the piece: a file or a name; played once from beginning to end")
     add("--out", "FILE.csv", "the table of labels", Path, Path("fingers.csv"))
@@ -59,7 +56,6 @@ def _run(arguments: argparse.Namespace) -> int:
         FingerSettings,
         choose_fingers,
         finger_probabilities,
-        labelled,
         macro_f1,
         table_of,
     )
@@ -89,7 +85,7 @@ def _run(arguments: argparse.Namespace) -> int:
     write_text(out, table_of(score, fingers, likely))
     text = fingering_page(
         video=os.fspath(arguments.video),
-        score=labelled(score, fingers),
+        score=score,
         alignment=alignment,
         landmarks=landmarks,
         plane=plane,
@@ -111,7 +107,7 @@ def _run(arguments: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _plane(arguments: argparse.Namespace, keyboard: Picture, out: Path) -> KeyboardPlane:
+def _plane(arguments: argparse.Namespace, keyboard: Frame, out: Path) -> KeyboardPlane:
     from sb3_piano.lab.video.keyboard import KeyboardPlane, find_keyboard
     from sb3_piano.lab.video.page import corners_page
     from sb3_piano.music import MIN_PITCH
@@ -141,6 +137,7 @@ def _plane(arguments: argparse.Namespace, keyboard: Picture, out: Path) -> Keybo
 def _landmarks(arguments: argparse.Namespace, out: Path) -> Landmarks:
     from sb3_piano.lab.video import detect_hands
     from sb3_piano.lab.video.landmarks import Landmarks
+    from sb3_piano.music.hands import HANDS
 
     file = arguments.landmarks or out.with_name(f"{out.stem}_landmarks.npz")
     if not file.exists() and arguments.detector is None:
@@ -165,7 +162,7 @@ def _landmarks(arguments: argparse.Namespace, out: Path) -> Landmarks:
                 f"{arguments.detector} -m pip install mediapipe==0.10.21"
             )
     landmarks = Landmarks.read(file)
-    for side, share in zip(("right", "left"), landmarks.seen, strict=True):
+    for side, share in zip(HANDS, landmarks.seen, strict=True):
         if share == 0:
             print(f"The {side} hand is in no picture: its notes are given to the other one.")
     return landmarks

@@ -6,15 +6,15 @@ import os
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import signal, stats
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, RenderingError
 from sb3_piano.music import Score
+from sb3_piano.viewing.video import ffmpeg_program
 
 RATE = 22050
 """Samples a second of the sound."""
@@ -53,15 +53,17 @@ def read_sound(video: str | os.PathLike[str]) -> Float32Array:
 
     Raises:
         ConfigError: If there is no such file, or it has no sound.
+        RenderingError: If there is no ffmpeg.
     """
-    import imageio_ffmpeg
-
     path = Path(video).absolute()
     if not path.is_file():
         raise ConfigError(f"There is no video '{video}': expected an existing file.")
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", f"file:{path}"]
+    command = [ffmpeg_program(), "-v", "error", "-i", f"file:{path}"]
     command += ["-vn", "-ac", "1", "-ar", str(RATE), "-f", "f32le", "-"]
-    done = subprocess.run(command, capture_output=True, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, check=False)
+    except OSError as error:
+        raise RenderingError(f"ffmpeg, '{command[0]}', cannot be run: {error.strerror}.") from error
     if done.returncode or not done.stdout:
         raise ConfigError(
             f"No sound can be read from '{video}': expected a video with sound. Give the time of "
@@ -100,7 +102,7 @@ def align(score: Score, sound: Float32Array) -> Alignment:
     cost = 1 - written[0].T @ heard[0] + _STRIKES * np.abs(written[1][:, None] - heard[1])
     path = _warped(cost)
     if path is None:
-        raise ConfigError(_misfit(score, sound, 0.0))
+        raise ConfigError(_misfit(score, sound, 0.0, 0.0))
     seconds = path * hop / RATE
     alike = float((written[0].T @ heard[0])[path[:, 0], path[:, 1]].mean())
     notes = np.array([note.onset for note in score.notes])
@@ -113,15 +115,16 @@ def align(score: Score, sound: Float32Array) -> Alignment:
             rough, reach = straight, len(notes)
     onsets, hits = _snapped(notes, rough, _onsets(sound), reach)
     if hits < _LEAST_HITS or alike < _LEAST_ALIKE:
-        raise ConfigError(_misfit(score, sound, hits))
+        raise ConfigError(_misfit(score, sound, hits, alike))
     drift, offset = np.polyfit(notes, onsets, 1) if len(set(notes)) > 1 else (1.0, onsets[0])
     return Alignment(onsets, float(offset), float(drift), hits)
 
 
-def _misfit(score: Score, sound: Float32Array, hits: float) -> str:
+def _misfit(score: Score, sound: Float32Array, hits: float, alike: float) -> str:
     return (
         f"The sound of {len(sound) / RATE:.0f} s does not fit the score {score.title!r} of "
-        f"{score.duration:.0f} s: {hits:.0%} of its onsets are heard. Expected a video of this "
+        f"{score.duration:.0f} s: {hits:.0%} of its onsets are heard (expected {_LEAST_HITS:.0%}), "
+        f"and harmonies are {alike:.0%} alike ({_LEAST_ALIKE:.0%}). Expected a video of this "
         "piece, played once from beginning to end, at half to twice its tempo."
     )
 
@@ -172,8 +175,7 @@ def _strength(sound: Float32Array, hop: int) -> FloatArray:
     """
     _, energy = _spectrum(sound, 1024, hop)
     level = np.log1p(100 * np.sqrt(energy / energy.max()))
-    growth = np.maximum(np.diff(level, axis=1, prepend=level[:, :1]), 0).sum(axis=0)
-    return growth
+    return np.maximum(np.diff(level, axis=1, prepend=level[:, :1]), 0).sum(axis=0)
 
 
 def _spectrum(sound: Float32Array, window: int, hop: int) -> tuple[FloatArray, FloatArray]:
@@ -220,8 +222,8 @@ def _snapped(
 
     What ``reach`` neighbours on each side have in common is removed first.
     """
-    times, places = np.unique(notes, return_inverse=True)
-    rough = np.interp(times, notes, rough) if len(times) < 2 else rough[_firsts(places)]
+    times, firsts, places = np.unique(notes, return_index=True, return_inverse=True)
+    rough = rough[firsts]
     if len(heard) == 0:
         return rough[places], 0.0
     # The warping is as coarse as its frames, and late where a sound grows slowly.
@@ -235,10 +237,6 @@ def _snapped(
         moved = np.interp(times, times[hit], (nearest - rough)[hit])
         rough = np.maximum.accumulate(rough + moved)
     return rough[places], float(hit.mean())
-
-
-def _firsts(places: Any) -> Any:
-    return np.unique(places, return_index=True)[1]
 
 
 def _running_median(values: FloatArray, reach: int) -> FloatArray:

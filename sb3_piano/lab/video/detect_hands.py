@@ -12,6 +12,7 @@ MediaPipe says and, if it finds one kind twice, by place.
 
 from __future__ import annotations
 
+import os
 import sys
 
 
@@ -51,12 +52,14 @@ def main(video: str, out: str) -> None:
             times.append(time)
             points.append(row)
             confidence.append(sure)
+    whole = f"{out}.partial.npz"  # what is killed leaves no half file
     np.savez_compressed(
-        out,
+        whole,
         time=np.array(times),
         points=np.array(points).reshape(-1, 2, 21, 2),
         confidence=np.array(confidence).reshape(-1, 2),
     )
+    os.replace(whole, out)
 
 
 if __name__ == "__main__":

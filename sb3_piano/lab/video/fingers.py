@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 from collections.abc import Sequence
 
@@ -11,15 +10,18 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from sb3_piano.arrays import FloatArray, IntArray
-from sb3_piano.lab.video.keyboard import BLACK, BLACK_FRONT, CENTERS, KEY_LENGTH, KeyboardPlane
+from sb3_piano.lab.video.keyboard import BLACK_FRONT, CENTERS, KEY_LENGTH, KeyboardPlane
 from sb3_piano.lab.video.landmarks import Landmarks
+from sb3_piano.metrics.musicianship import chords
 from sb3_piano.music import MIN_PITCH, Score
-from sb3_piano.music.constants import NUM_FINGERS, UNKNOWN_FINGER
-from sb3_piano.music.hands import HANDS
+from sb3_piano.music.constants import (
+    FINGERS_PER_HAND,
+    KEY_IS_BLACK,
+    NUM_FINGERS,
+    UNKNOWN_FINGER,
+)
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.settings import Positive, Share, settings
-
-_TOGETHER = 0.03  # s: notes this near are struck by different fingers
 
 
 @settings
@@ -66,7 +68,9 @@ def finger_probabilities(
     """
     chosen = settings or FingerSettings()
     places = plane.to_keys(landmarks.tips())  # (T, 10, 2)
-    sure = np.repeat(landmarks.confidence, 5, axis=1) * np.isfinite(places).all(axis=-1)
+    sure = np.repeat(landmarks.confidence, FINGERS_PER_HAND, axis=1) * np.isfinite(places).all(
+        axis=-1
+    )
     places = np.nan_to_num(places)
     found = np.zeros((len(score.notes), NUM_FINGERS))
     for row, note in enumerate(score.notes):
@@ -90,7 +94,7 @@ def finger_probabilities(
 
 def _distance(places: FloatArray, key: int) -> FloatArray:
     """Return how far (..., 2) places are from a key, in widths of a white key."""
-    front = BLACK_FRONT if BLACK[key] else 0.0
+    front = BLACK_FRONT if KEY_IS_BLACK[key] else 0.0
     beyond = np.maximum(front - places[..., 1], 0) + np.maximum(places[..., 1] - 1, 0)
     return np.hypot(places[..., 0] - CENTERS[key], KEY_LENGTH * beyond)
 
@@ -109,36 +113,12 @@ def choose_fingers(
         (n,) fingers, -1 where it is open, and (n,) how likely the most likely one is.
     """
     fingers = np.full(len(score.notes), UNKNOWN_FINGER)
-    for chord in _chords(score):
+    for chord in chords(np.array([note.onset for note in score.notes])):
         cost = -np.log(np.maximum(probabilities[chord], 1e-9))
         rows, columns = linear_sum_assignment(cost)
-        fingers[np.asarray(chord)[rows]] = columns
+        fingers[chord[rows]] = columns
     likely = np.take_along_axis(probabilities, np.maximum(fingers, 0)[:, None], axis=1)[:, 0]
     return np.where(likely >= least, fingers, UNKNOWN_FINGER), likely
-
-
-def _chords(score: Score) -> list[list[int]]:
-    """Return the rows of notes that are struck together."""
-    order = sorted(range(len(score.notes)), key=lambda row: score.notes[row].onset)
-    chords: list[list[int]] = []
-    for row in order:
-        onset = score.notes[row].onset
-        if chords and onset - score.notes[chords[-1][0]].onset <= _TOGETHER:
-            chords[-1].append(row)
-        else:
-            chords.append([row])
-    return chords
-
-
-def labelled(score: Score, fingers: Sequence[int] | IntArray) -> Score:
-    """Return the score with these fingers; a note without one has none."""
-    notes = (
-        dataclasses.replace(
-            note, finger=int(finger), hand=HANDS[finger // 5] if finger >= 0 else note.hand
-        )
-        for note, finger in zip(score.notes, fingers, strict=True)
-    )
-    return dataclasses.replace(score, notes=tuple(notes))
 
 
 def table_of(score: Score, fingers: IntArray, likely: FloatArray) -> str:

@@ -16,15 +16,11 @@ import numpy.typing as npt
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.exceptions import ConfigError, MissingPackageError, install_command
-from sb3_piano.music.constants import MIN_PITCH, NUM_KEYS
-
-Picture = npt.NDArray[np.uint8]
-
-BLACK = np.isin((MIN_PITCH + np.arange(NUM_KEYS)) % 12, (1, 3, 6, 8, 10))
-"""(88,) whether a key is black."""
+from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
+from sb3_piano.viewing.video import Frame
 
 # A white key begins where those before it end, and a black one is in the middle of such a place.
-CENTERS: FloatArray = np.cumsum(~BLACK) - np.where(BLACK, 0.0, 0.5)
+CENTERS: FloatArray = np.cumsum(~KEY_IS_BLACK) - np.where(KEY_IS_BLACK, 0.0, 0.5)
 """(88,) u of the keys' middles."""
 
 KEY_LENGTH = 6.4
@@ -77,7 +73,7 @@ class KeyboardPlane:
         """
         points = np.asarray(corners, dtype=float)
         for key in (first, last):
-            if not 0 <= key < NUM_KEYS or BLACK[key]:
+            if not 0 <= key < NUM_KEYS or KEY_IS_BLACK[key]:
                 raise ConfigError(
                     f"The keyboard is said to end with key {key}: expected white keys of 0 to 87."
                 )
@@ -105,7 +101,7 @@ class KeyboardPlane:
 
     def outline(self, key: int) -> FloatArray:
         """Return the (4, 2) corners of a key (0 to 87) in pixels."""
-        half, front = (0.29, BLACK_FRONT) if BLACK[key] else (0.5, 0.0)
+        half, front = (0.29, BLACK_FRONT) if KEY_IS_BLACK[key] else (0.5, 0.0)
         u = CENTERS[key]
         return self.to_pixels(
             [(u - half, front), (u + half, front), (u + half, 1.0), (u - half, 1.0)]
@@ -117,7 +113,7 @@ def _mapped(matrix: FloatArray, points: FloatArray) -> FloatArray:
     return raised[..., :2] / raised[..., 2:]
 
 
-def find_keyboard(picture: Picture) -> KeyboardPlane:
+def find_keyboard(picture: Frame) -> KeyboardPlane:
     """Find the keyboard by its black keys.
 
     A line of pixels that crosses the black keys is dark 36 times. The gaps between the groups of
@@ -134,7 +130,7 @@ def find_keyboard(picture: Picture) -> KeyboardPlane:
     height, width = grey.shape
     best = _NO_FIT
     for angle in (0, -3, 3, -6, 6, -9, 9):
-        if len(best.keys) == np.count_nonzero(BLACK):
+        if len(best.keys) == np.count_nonzero(KEY_IS_BLACK):
             break
         turn = cv2.getRotationMatrix2D((width / 2, height / 2), angle, 1.0)
         turned = cv2.warpAffine(grey, turn, (width, height), borderValue=0)
@@ -177,7 +173,7 @@ class _Fit:
 
 _NO_TURN = np.eye(3)
 _NO_FIT = _Fit(np.empty(0), np.empty(0, int), 0, False, _NO_TURN)
-_BLACK_U = CENTERS[BLACK].astype(int)
+_BLACK_U = CENTERS[KEY_IS_BLACK].astype(int)
 _LAST_BLACK = int(_BLACK_U[-1])
 
 
@@ -210,7 +206,7 @@ def _fit_line(grey: FloatArray, y: int) -> _Fit:
     if np.abs((a * x + b) / (1 + c * x) - u).max() > _FIT:
         return _NO_FIT
     return _Fit(
-        x, np.flatnonzero(BLACK)[np.searchsorted(_BLACK_U, u)], y, len(places) > 1, _NO_TURN
+        x, np.flatnonzero(KEY_IS_BLACK)[np.searchsorted(_BLACK_U, u)], y, len(places) > 1, _NO_TURN
     )
 
 

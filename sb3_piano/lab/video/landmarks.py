@@ -40,10 +40,10 @@ class Landmarks:
     """(T, 2) how sure the detector is of a hand, 0 to 1; 0 where it is not seen."""
 
     def check(self) -> None:
-        """Check that the arrays fit together and show both hands.
+        """Check that the arrays fit together and show a hand.
 
         Raises:
-            ConfigError: If they do not, or a hand is never seen.
+            ConfigError: If they do not, or no hand is ever seen.
         """
         n = len(self.time) if self.time.ndim == 1 else 0
         if n == 0 or self.points.shape != (n, 2, N_POINTS, 2) or self.confidence.shape != (n, 2):

@@ -10,21 +10,29 @@ import numpy as np
 
 from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.lab.video.alignment import Alignment
-from sb3_piano.lab.video.keyboard import BLACK, KeyboardPlane, Picture, import_cv2
+from sb3_piano.lab.video.keyboard import KeyboardPlane, import_cv2
 from sb3_piano.lab.video.landmarks import Landmarks
 from sb3_piano.lab.video.video_file import pictures_at
 from sb3_piano.music import MIN_PITCH, Score
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
+from sb3_piano.music.constants import (
+    FINGERS_PER_HAND,
+    KEY_IS_BLACK,
+    NUM_FINGERS,
+    NUM_KEYS,
+    UNKNOWN_FINGER,
+)
+from sb3_piano.music.hands import HANDS
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.viewing.moment import FINGER_COLORS
 from sb3_piano.viewing.report.page import FINGERS, render
+from sb3_piano.viewing.video import Frame
 
 _DOUBTFUL = 12
 _WIDTH = 420  # pixels of a doubtful note's picture
 _KEYS = 7.0  # widths of a white key on each side of it
 
 
-def corners_page(picture: Picture) -> str:
+def corners_page(picture: Frame) -> str:
     """Return a page in which a click on each corner of the keyboard makes the option to give."""
     return render("corners.html", picture=_jpeg(picture), size=picture.shape[1::-1])
 
@@ -36,7 +44,7 @@ def fingering_page(
     alignment: Alignment,
     landmarks: Landmarks,
     plane: KeyboardPlane,
-    keyboard: Picture,
+    keyboard: Frame,
     fingers: IntArray,
     likely: FloatArray,
     probabilities: FloatArray,
@@ -97,24 +105,27 @@ def fingering_page(
 
 
 def _name(finger: int) -> str:
-    return f"{('right', 'left')[finger // 5]} {FINGERS[finger % 5].replace('-finger', '')}"
+    hand, place = divmod(finger, FINGERS_PER_HAND)
+    return f"{HANDS[hand]} {FINGERS[place].replace('-finger', '')}"
 
 
-def _outlined(picture: Picture, plane: KeyboardPlane) -> Picture:
+def _outlined(picture: Frame, plane: KeyboardPlane) -> Frame:
     drawn = picture.copy()
     for key in range(NUM_KEYS):
-        _polygon(drawn, plane.outline(key), (230, 60, 40) if BLACK[key] else (20, 150, 60), 1)
+        _polygon(
+            drawn, plane.outline(key), (230, 60, 40) if KEY_IS_BLACK[key] else (20, 150, 60), 1
+        )
     return drawn
 
 
 def _close(
-    picture: Picture,
+    picture: Frame,
     plane: KeyboardPlane,
     landmarks: Landmarks,
     time: float,
     score: Score,
     note: int,
-) -> Picture:
+) -> Frame:
     """Return the picture around a key, with its outline and the fingertips."""
     cv2, drawn = import_cv2(), picture.copy()
     key = score.notes[note].pitch - MIN_PITCH
@@ -123,7 +134,7 @@ def _close(
     nearest = int(np.abs(landmarks.time - time).argmin())
     for finger, tip in enumerate(landmarks.tips()[nearest]):
         if np.isfinite(tip).all():
-            color = [round(255 * part) for part in FINGER_COLORS[finger % 5][:3]]
+            color = [round(255 * part) for part in FINGER_COLORS[finger % FINGERS_PER_HAND][:3]]
             place = tuple(int(x) for x in np.round(tip))
             cv2.circle(drawn, place, 5, color, -1)
             cv2.circle(drawn, place, 5, (255, 255, 255), 1)
@@ -139,12 +150,12 @@ def _close(
     return cv2.resize(part, (_WIDTH, max(round(part.shape[0] * scale), 1)))
 
 
-def _polygon(picture: Picture, corners: FloatArray, color: Sequence[int], width: int) -> None:
+def _polygon(picture: Frame, corners: FloatArray, color: Sequence[int], width: int) -> None:
     points: Any = [np.round(corners).astype(np.int32)]
     import_cv2().polylines(picture, points, True, color, width)
 
 
-def _jpeg(picture: Picture) -> str:
+def _jpeg(picture: Frame) -> str:
     cv2 = import_cv2()
     _, data = cv2.imencode(".jpg", np.ascontiguousarray(picture[..., ::-1]))
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode()

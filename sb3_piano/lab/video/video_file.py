@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.lab.video.keyboard import Picture, import_cv2
+from sb3_piano.lab.video.keyboard import import_cv2
+from sb3_piano.viewing.video import Frame
 
 _PICTURES = 31  # for the median, in which hands that move are not seen
 
@@ -27,7 +28,7 @@ def _opened(video: str | os.PathLike[str]) -> Iterator[Any]:
         reader.release()
 
 
-def empty_keyboard(video: str | os.PathLike[str]) -> Picture:
+def empty_keyboard(video: str | os.PathLike[str]) -> Frame:
     """Return the median of pictures from all of a video, (height, width, 3) RGB.
 
     Raises:
@@ -48,14 +49,14 @@ def empty_keyboard(video: str | os.PathLike[str]) -> Picture:
     return np.median(pictures, axis=0).astype(np.uint8)
 
 
-def pictures_at(video: str | os.PathLike[str], times: Sequence[float]) -> list[Picture]:
+def pictures_at(video: str | os.PathLike[str], times: Sequence[float]) -> list[Frame]:
     """Return the pictures nearest to growing times, s, (height, width, 3) RGB each.
 
     Raises:
         ConfigError: If the file is no video or has no pictures.
     """
     cv2 = import_cv2()
-    found: list[Picture] = []
+    found: list[Frame] = []
     with _opened(video) as reader:
         last = None
         while len(found) < len(times):

@@ -14,9 +14,10 @@ from sb3_piano.lab.video import detect_hands
 from sb3_piano.lab.video.alignment import RATE, align, constant_tempo, read_sound
 from sb3_piano.lab.video.filmed import Camera, corners, project
 from sb3_piano.lab.video.fingers import choose_fingers, finger_probabilities, macro_f1
-from sb3_piano.lab.video.keyboard import BLACK, BLACK_FRONT, CENTERS, KeyboardPlane, find_keyboard
+from sb3_piano.lab.video.keyboard import BLACK_FRONT, CENTERS, KeyboardPlane, find_keyboard
 from sb3_piano.lab.video.landmarks import TIPS, Landmarks
 from sb3_piano.music import MIN_PITCH, Note, Score, synthesize, write_midi, write_wav
+from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.viewing.video import write_video
 
@@ -37,7 +38,7 @@ def picture(plane):
     behind = plane.to_pixels([(0, 1), (52, 1), (52, 1.6), (0, 1.6)])
     cv2.fillPoly(drawn, [behind.round().astype(np.int32)], (40, 30, 30))
     for black in (False, True):
-        for key in np.flatnonzero(black == BLACK):
+        for key in np.flatnonzero(black == KEY_IS_BLACK):
             outline = plane.outline(key).round().astype(np.int32)
             cv2.fillPoly(drawn, [outline], (25, 25, 28) if black else (235, 235, 230))
             cv2.polylines(drawn, [outline], True, (120, 120, 120))
@@ -149,7 +150,9 @@ def test_fingers_are_found_with_the_noise_of_a_detector(plane, tune, noise, leas
 def test_a_finger_is_on_one_key_of_a_chord(plane):
     chord = Score(notes=[Note(onset=1, offset=2, pitch=p, finger=f) for p, f in ((60, 0), (62, 1))])
     marks = hands_of(chord, plane, np.arange(0, 3, 1 / 30))
-    marks.points[:, 0, 4] += plane.to_pixels([(0.6, 0)])[0] - plane.to_pixels([(0, 0)])[0]
+    for tip, moved_by in ((4, 0.6), (8, 0.7)):  # the thumb is nearest to both keys
+        aside = plane.to_pixels([(moved_by, 0)])[0] - plane.to_pixels([(0, 0)])[0]
+        marks.points[:, 0, tip] += aside
     likely = finger_probabilities(chord, np.ones(2), marks, plane)
     assert choose_fingers(chord, likely, 0.0)[0].tolist() == [0, 1]
 
@@ -193,6 +196,10 @@ def test_sound_of_another_piece_and_silence_are_told(tmp_path, tune):
     ]
     with pytest.raises(ConfigError, match=r"does not fit the score 'tune' of 14 s: \d+% of its"):
         align(tune, sound_of(Score(notes=other), tmp_path))
+    with pytest.raises(
+        ConfigError, match=r"[5-9]\d% of its onsets.*harmonies are \d+% alike \(60%"
+    ):
+        align(tune.transpose(6), sound_of(tune, tmp_path))  # the same rhythm in other pitches
     with pytest.raises(ConfigError, match=r"sound is silent"):
         align(tune, np.zeros(RATE, dtype=np.float32))
 

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
+from stable_baselines3.common.monitor import Monitor
 
 from sb3_piano.batch.episodes import History, Sums
 from sb3_piano.batch.hands import HandControls, HandRewards
@@ -16,20 +17,22 @@ from sb3_piano.batch.observations import observations_of
 from sb3_piano.batch.tables import Pieces
 from sb3_piano.batch.task import Heard, Strikes, Task
 from sb3_piano.batch.worlds import Tensor, Worlds
-from sb3_piano.envs import PianoEnv
+from sb3_piano.envs import PianoEnv, PianoEnvConfig
 from sb3_piano.envs.piano_env import HAND_OFFSET
 from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, one_line
 from sb3_piano.layers import layers
 from sb3_piano.settings import Count, checked
 from sb3_piano.wrappers import HandActions, HandReward, ScoreWrapper
+from sb3_piano.wrappers.piano import unwrap_piano
 
 Backend = Literal["cpu", "warp"]
 """Physics: MuJoCo's own threads, or MuJoCo Warp."""
 
 Wrapper = Callable[[Any], gym.Env[Any, Any]]
 
-_KNOWN = (ScoreWrapper, HandActions, HandReward, TimeLimit, OrderEnforcing, PassiveEnvChecker)
+_HARMLESS = (Monitor, OrderEnforcing, PassiveEnvChecker)
+_KNOWN = (ScoreWrapper, HandActions, HandReward, TimeLimit, *_HARMLESS)
 
 
 class BatchStep(NamedTuple):
@@ -64,6 +67,7 @@ class BatchedPiano:
         device: Device of Warp: by default "cuda" if available, else "cpu".
         n_threads: Threads on the CPU; by default one for each usable core.
         wrappers: Wrappers of the single environment, innermost first.
+        env: Single environment with its wrappers, in place of ``score``, ``wrappers`` and options.
         draws: Number of scores to draw if a wrapper draws them.
         metrics: "all" metrics of a final ``info``, which records every step; or "sums" for the
             additive ones: F1 and returns.
@@ -87,6 +91,7 @@ class BatchedPiano:
         device: str | None = None,
         n_threads: int | None = None,
         wrappers: Sequence[Wrapper] = (),
+        env: gym.Env[Any, Any] | None = None,
         draws: int = 256,
         metrics: Literal["all", "sums"] = "all",
         moving_keys: tuple[int, int] | None = None,
@@ -98,27 +103,18 @@ class BatchedPiano:
         checked("backend", backend, Backend)
         checked("metrics", metrics, Literal["all", "sums"])
         scores = [score] if isinstance(score, str) or not isinstance(score, Sequence) else score
-        env: Any = PianoEnv(scores[0], **options)
-        if env.config.observation_blocks:
-            raise ConfigError(
-                f"Observation block {env.config.observation_blocks[0].__name__} sees one "
-                "environment and cannot be batched: expected no observation_blocks; or single "
-                "environments."
-            )
-        if env.config.reward_terms:
-            raise ConfigError(
-                f"Reward term {next(iter(env.config.reward_terms))!r} sees one environment and "
-                "cannot be batched: expected no reward_terms; or single environments."
-            )
-        _refuse_dynamics(env.config.reward_weights.get("dynamics", 0.0))
-        self.piano: PianoEnv = env
-        """The single environment: scene, spaces and settings; it is not one of the worlds."""
-        if moving_keys is not None:
-            env.fix_keys(*moving_keys)
-        for wrapper in wrappers:
-            env = wrapper(env)
+        given = env is not None
+        if env is None:
+            env = PianoEnv(scores[0], **options)
+            if moving_keys is not None:
+                env.fix_keys(*moving_keys)
+            for wrapper in wrappers:
+                env = wrapper(env)
         self.env: gym.Env[Any, Any] = env
         """The single environment with its wrappers."""
+        self.piano: PianoEnv = unwrap_piano(env, "A batch")
+        """The single environment: scene, spaces and settings; it is not one of the worlds."""
+        _check_options(self.piano.config)
         self.np_random = np.random.default_rng(seed)
         self.worlds: Worlds = _worlds(
             self.piano, self.num_envs, backend, device, n_threads, physics_options or {}
@@ -127,7 +123,7 @@ class BatchedPiano:
         self.device = self.worlds.device
         """Device of all tensors."""
         self._take_wrappers()
-        self.pieces = self._prepared(scores, checked("draws", draws, Count), seed)
+        self.pieces = self._prepared([None] if given else scores, checked("draws", draws, Count), seed)
         """Pieces as tables of tensors."""
         self._begin_all(metrics)
         self.action_space, self.observation_space = env.action_space, env.observation_space
@@ -154,14 +150,22 @@ class BatchedPiano:
                     "environments."
                 )
 
-    def _prepared(self, scores: Sequence[ScoreSource], draws: int, seed: int | None) -> Pieces:
-        goals, tables = [], []
+    def _prepared(
+        self, scores: Sequence[ScoreSource | None], draws: int, seed: int | None
+    ) -> Pieces:
+        """Return the pieces as tables; note the piece of each draw."""
+        goals, tables, drawn = [], [], []
         for number in range(draws if self._drawn else len(scores)):
-            chosen = {} if self._drawn else {"score": scores[number]}
+            given = None if self._drawn else scores[number]
+            chosen = {} if given is None else {"score": given}
             self.env.reset(seed=seed if number == 0 else None, options=chosen)
-            if self.piano.goal not in goals:
-                goals.append(self.piano.goal)
+            goal = self.piano.goal
+            same = [index for index, other in enumerate(goals) if other.source is goal.source]
+            drawn.extend(same or [len(goals)])
+            if not same:
+                goals.append(goal)
                 tables.append(self.piano.encoding.tables())
+        self._draws = torch.tensor(drawn)
         return Pieces(goals, tables, self.worlds.qpos)
 
     def _begin_all(self, metrics: str) -> None:
@@ -223,9 +227,9 @@ class BatchedPiano:
         elif not self._begun:
             raise EnvStateError("No episode is under way: call reset() without a mask first.")
         mask = mask.to(self.device)
-        count = len(self.pieces.goals)
         if piece is None and self._drawn:
-            piece = torch.from_numpy(self.np_random.integers(count, size=self.num_envs))
+            draws = self.np_random.integers(len(self._draws), size=self.num_envs)
+            piece = self._draws[torch.from_numpy(draws)]
         if piece is not None:
             self.piece = torch.where(mask, piece.to(self.device), self.piece)
         self.steps = torch.where(mask, 0, self.steps)
@@ -313,6 +317,17 @@ class BatchedPiano:
         if not torch.isfinite(actions).all():
             raise InvalidActionError("Some actions are not finite: expected numbers in [-1, 1].")
         return actions
+
+
+def _check_options(config: PianoEnvConfig) -> None:
+    """Raise ConfigError for an option that sees one environment."""
+    for name in ("observation_blocks", "reward_terms"):
+        for own in getattr(config, name):
+            raise ConfigError(
+                f"{getattr(own, '__name__', repr(own))} of {name} sees one environment and cannot "
+                f"be batched: expected no {name}; or single environments."
+            )
+    _refuse_dynamics(config.reward_weights.get("dynamics", 0.0))
 
 
 def _refuse_dynamics(weight: float) -> None:

@@ -28,6 +28,9 @@ class DeviceReplayBuffer(ReplayBuffer):
     Arguments and errors are as in ``ReplayBuffer``; torch's random generator replaces NumPy's.
     """
 
+    is_compressible = False
+    """Whether checkpoints compress its rows: batches have gigabytes of floats."""
+
     def __init__(
         self,
         buffer_size: int,

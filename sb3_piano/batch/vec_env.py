@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -9,21 +10,27 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from sb3_piano.batch.environment import BatchedPiano
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
+from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.wrappers.hand_reward import HAND_REWARDS
+
+_OF_A_WORLD = ("steps_played", "total_steps", "performance", "set_piece_weights")
+"""Attributes that a single environment has of its own episodes."""
 
 
 class BatchVecEnv(VecEnv):
     """Stable-Baselines3 vector environment of a :class:`BatchedPiano`.
 
     A world whose episode ends starts the next one at once. The ``info`` of the last step has the
-    music metrics of a single environment, and ``episode``, as from a ``Monitor``. Attributes and
-    methods belong to the one environment that is batched.
+    music metrics of a single environment, and ``episode``, as from a ``Monitor``. A ``Monitor``
+    among the wrappers writes the rows of all worlds to its file. Attributes and methods belong to
+    the one environment that is batched.
 
     Args:
         batch: The batched pianos.
@@ -33,6 +40,8 @@ class BatchVecEnv(VecEnv):
         self.batch = batch
         """The batched pianos, with access to their tensors."""
         super().__init__(batch.num_envs, batch.observation_space, batch.action_space)
+        every = layers(batch.env)
+        self._monitor = next((one for one in every if isinstance(one, Monitor)), None)
         self._start = time.time()
         self._actions = np.empty(0)
 
@@ -75,17 +84,32 @@ class BatchVecEnv(VecEnv):
         for world, row, metrics in zip(worlds.tolist(), rows, found, strict=True):
             episode = {"r": round(float(returns[world]), 6), "l": int(steps[world])}
             episode["t"] = round(time.time() - self._start, 6)
+            self._note(episode, metrics)
             more = {"terminal_observation": row, "TimeLimit.truncated": bool(cut[world])}
             infos[world] |= {**metrics, **more, "episode": episode}
 
+    def _note(self, episode: dict[str, Any], metrics: dict[str, float]) -> None:
+        """Add the ``Monitor``'s keywords to a row of its file, and write it."""
+        if self._monitor is None:
+            return
+        for name in self._monitor.info_keywords:  # sums alone lack most metrics
+            known = name in metrics or name not in EPISODE_METRICS
+            episode[name] = metrics[name] if known else math.nan
+        if self._monitor.results_writer is not None:
+            self._monitor.results_writer.write_row(episode)
+
     def close(self) -> None:
-        """Do nothing: memory is freed with the object."""
+        """Close the file of the ``Monitor``."""
+        self.batch.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return an attribute of the single environment, once for each index."""
-        value = getattr(self.batch.env, attr_name, None)
-        if value is None:
-            value = getattr(self.batch.piano, attr_name)
+        if attr_name in _OF_A_WORLD:
+            raise ConfigError(
+                f"{attr_name!r} differs from world to world, and a batch does not have it: expected "
+                "single environments, such as with vec_env 'threads'."
+            )
+        value = self.batch.env.get_wrapper_attr(attr_name)
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:

@@ -109,7 +109,9 @@ class ReplaySegments:
         indices = np.arange(first, last) % self._buffer.buffer_size
         rows = self._rows.take_rows(indices)
         segment = Segment(file=f"replay-{first}-{last}.npz", first=first, last=last)
-        save: Any = np.savez_compressed  # its stub takes the names of rows for options
+        # The stubs take the names of rows for options.
+        compress = getattr(self._buffer, "is_compressible", True)
+        save: Any = np.savez_compressed if compress else np.savez
         write_atomically(self._folder / segment.file, lambda file: save(file, **rows))
         return segment
 
@@ -157,7 +159,7 @@ def end_last_episode(buffer: ReplayBuffer) -> None:
 
     A resumed training starts a new episode; n-step returns must not run across that border.
     """
-    if buffer.size() == 0:
+    if buffer.size() == 0 or not hasattr(buffer, "dones"):  # its rows are independent
         return
     last = buffer.pos - 1
     if buffer.handle_timeout_termination:

@@ -29,6 +29,7 @@ _PIECES_HELP = (
     "train on several pieces: names, files, patterns such as 'scale-*', collections, or lists in "
     "FILE.txt; split among the --n-envs environments, which draw one per episode"
 )
+_BATCH = ("batched", "device")
 _OF_CONFIG = ("seed", "n_envs", "vec_env", "num_threads", "matmul_precision")
 _NEW_RUN_ONLY = (
     "from",
@@ -39,6 +40,7 @@ _NEW_RUN_ONLY = (
     "fingering",
     "config",
     *_OF_CONFIG,
+    *_BATCH,
     "out",
     "runs_dir",
 )
@@ -66,9 +68,17 @@ def add_arguments(parser: Any) -> None:
     add("--seed", "N", "random seed; default: drawn, saved in the run's folder", int)
     add("--n-envs", "N", "number of parallel environments", whole_number)
     add("--vec-env", "KIND", "dummy (one process), threads, processes or subproc (a process each)")
+    add(
+        "--batched",
+        "N",
+        "train on N environments as one batch, on MuJoCo's threads, or on a GPU with --device cuda; "
+        "the default of --config is then 'batched'",
+        whole_number,
+    )
+    add("--device", "NAME", "device of the networks, and of a batch: auto (default), cpu or cuda")
     add("--num-threads")
     add("--matmul-precision")
-    add("--checkpoint-every", "N", "steps between checkpoints; default: 10000", whole_number)
+    add("--checkpoint-every", "N", "steps between checkpoints; default: 10000, of a batch 1000 of each agent", whole_number)
     add("--runs-dir")
     add("--out", "DIR", "folder of this run; default: a new one in --runs-dir")
     add("--resume", "RUN", "resume the run in this folder")
@@ -104,12 +114,24 @@ def _train(arguments: argparse.Namespace) -> int:
 
 
 def _config(arguments: argparse.Namespace) -> RunConfig:
+    given = {"n_timesteps": arguments.steps, **{n: getattr(arguments, n) for n in _OF_CONFIG}}
+    given = {name: value for name, value in given.items() if value is not None}
+    worlds, device = arguments.batched, arguments.device
+    if worlds is None and device is not None:
+        given["device"] = device
+    if worlds is not None:
+        refuse_options(arguments, ("n_envs", "vec_env"), "with --batched.")
+        named = arguments.config or arguments.init_from or getattr(arguments, "from")
+        arguments.config = arguments.config if named else "batched"
+    config = _unbatched(arguments, given)
+    return config if worlds is None else config.batched(worlds, device)
+
+
+def _unbatched(arguments: argparse.Namespace, given: dict[str, Any]) -> RunConfig:
     from sb3_piano.envs import GENERAL_ID
     from sb3_piano.training import load_config, load_fine_tuning, load_start
     from sb3_piano.training.configuration.names import algorithm_class
 
-    given = {"n_timesteps": arguments.steps, **{n: getattr(arguments, n) for n in _OF_CONFIG}}
-    given = {name: value for name, value in given.items() if value is not None}
     algo, start = arguments.algo or DEFAULT_ALGORITHM, getattr(arguments, "from")
     if arguments.with_buffer and arguments.init_from is None:
         raise ConfigError("--with-buffer is given without --init-from: expected both, or neither.")

@@ -15,10 +15,10 @@ PRESETS = {path.stem: path for path in sorted(_HERE.glob("*.yml"))}
 
 NAMED = {
     name: {path.stem: path for path in sorted(_HERE.glob(f"{name}/*.yml"))}
-    for name in ("fast", "robopianist", "robovirtuoso", "sac_vs_td3")
+    for name in ("batched", "fast", "robopianist", "robovirtuoso", "sac_vs_td3")
 }
-"""Files of the same kind by the name of a set, then of the algorithm: "fast" are settings of our
-own for learning from nothing, the others those of one publication each."""
+"""Files of the same kind by the name of a set, then of the algorithm: "fast" and "batched" are
+settings of our own for learning from nothing, the others those of one publication each."""
 
 SIGHT_READER = _HERE / "sight_reader" / "ppo.yml"
 """PPO on many pieces, from a distilled network of a hand."""

@@ -213,7 +213,7 @@ def test_sums_are_f1_and_returns_alone():
 
 
 def test_what_is_wrong_is_told_in_one_line():
-    with pytest.raises(ConfigError, match="Reward term 'smooth' .* cannot be batched"):
+    with pytest.raises(ConfigError, match="'smooth' of reward_terms .* cannot be batched"):
         BatchedPiano(2, SCORES[0], reward_terms={"smooth": "own_terms.smooth"})
     with pytest.raises(ConfigError, match="reward of dynamics has weight 0.5, but"):
         BatchedPiano(2, SCORES[0], reward_weights={"dynamics": 0.5})

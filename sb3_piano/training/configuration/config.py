@@ -61,6 +61,13 @@ def _arguments_of(function: Callable[..., Any], *reserved: str) -> BeforeValidat
 
 _Plugins = tuple[Plugin, ...]
 
+# Replay buffers with the samples of SB3's own.
+_SAME_SAMPLES = (
+    "stable_baselines3.common.buffers.ReplayBuffer",
+    "sb3_piano.buffers.compact.CompactReplayBuffer",
+    "sb3_piano.buffers.CompactReplayBuffer",
+)
+
 # Arguments that a run sets itself.
 _OF_MONITOR = ("env", "filename", "override_existing", "reset_keywords")
 _OF_ALGORITHM = ("policy", "env", "seed", "tensorboard_log", "action_noise")
@@ -108,9 +115,11 @@ class RunConfig:
     environment with several draws one per episode."""
     n_envs: Count = 1
     """Number of parallel environments, at least 1."""
-    vec_env: Literal["dummy", "threads", "processes", "subproc"] = "dummy"
+    vec_env: Literal["dummy", "threads", "processes", "subproc", "batch", "warp"] = "dummy"
     """``dummy``: environments run in sequence; ``threads``: in threads of this process;
-    ``processes``: in one process per core; ``subproc``: in one process per environment."""
+    ``processes``: in one process per core; ``subproc``: in one process per environment; ``batch``:
+    as one :class:`~sb3_piano.batch.BatchedPiano` on MuJoCo's threads; ``warp``: as one on a GPU, by
+    MuJoCo Warp. Evaluations play in a single environment in any case."""
     num_threads: Count | None = None
     """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_computing`
     chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
@@ -224,6 +233,28 @@ class RunConfig:
         known = inspect.signature(self.algorithm).parameters.get("ent_coef")
         default = None if known is None else known.default
         return str(self.algorithm_kwargs.get("ent_coef", default)).startswith("auto")
+
+    @property
+    def is_batched(self) -> bool:
+        """Whether the environments are worlds of one batch."""
+        return self.vec_env in ("batch", "warp")
+
+    def batched(self, worlds: int, device: str | None = None) -> Self:
+        """Return the settings for a batch of worlds.
+
+        They are on MuJoCo's threads, or by MuJoCo Warp with a ``device`` such as "cuda", which has
+        the networks, too. A replay buffer moves to the device of the networks, unless the settings
+        name one of another kind than SB3's own or ours in its place.
+        """
+        arguments = dict(self.algorithm_kwargs)
+        if device is not None:
+            arguments["device"] = device
+        buffer = "replay_buffer_class"
+        takes_one = buffer in inspect.signature(self.algorithm).parameters
+        if takes_one and arguments.get(buffer) in (None, *_SAME_SAMPLES):
+            arguments[buffer] = "sb3_piano.batch.DeviceReplayBuffer"
+        kind: Any = "warp" if str(device).startswith("cuda") else "batch"
+        return dataclasses.replace(self, n_envs=worlds, vec_env=kind, algorithm_kwargs=arguments)
 
     @property
     def n_agents(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 from collections.abc import Callable
 from functools import partial
@@ -46,6 +47,9 @@ from sb3_piano.training.configuration.values import (
     linear_start,
 )
 from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
+
+_FEWEST_DRAWS = 256
+"""Scores that a batch draws beforehand where a wrapper draws them."""
 
 
 class EpisodeLog(Monitor):
@@ -101,14 +105,45 @@ def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> Vec
     From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
     ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
     """
+    log = partial(EpisodeLog, **config.monitor_kwargs)
+    venv = _batch(config, innermost, log) if config.is_batched else _vector(config, innermost, log)
+    venv.seed(config.seed)
+    for plugin in config.vec_env_wrapper:
+        venv = plugin(venv)
+    return normalized(config, venv)
+
+
+def _batch(config: RunConfig, *innermost: EnvWrapper | None) -> VecEnv:
+    """Build the batch of a run; all worlds write to one ``EpisodeLog``."""
+    from sb3_piano.batch import BatchedPiano, BatchVecEnv  # takes as long as SB3
+
+    env, draws = config.env.make(*innermost), _FEWEST_DRAWS
+    if len(config.pieces) > 1:
+        env.get_wrapper_attr("play_in_turn")()  # so that no piece is left out
+        draws = len(config.pieces) * math.ceil(draws / len(config.pieces))
+    warp, device = config.vec_env == "warp", config.algorithm_kwargs.get("device", "auto")
+    # All metrics of an episode take longer than its physics on a GPU.
+    pianos = BatchedPiano(
+        config.n_envs,
+        env=env,
+        backend="warp" if warp else "cpu",
+        device=str(device) if warp and device != "auto" else None,
+        metrics="sums" if warp else "all",
+        draws=draws,
+        seed=config.seed,
+    )
+    return BatchVecEnv(pianos)
+
+
+def _vector(config: RunConfig, *innermost: EnvWrapper | None) -> VecEnv:
+    """Build the vector of single environments of a run."""
     training_process = os.getpid()
     specs = [config.env.of_env(rank, config.n_envs) for rank in range(config.n_envs)]
-    log = partial(EpisodeLog, **config.monitor_kwargs)
 
     def make(rank: int) -> Env:
         if os.getpid() != training_process:
             leave_to_parent()
-        env = specs[rank].make(innermost, log)
+        env = specs[rank].make(*innermost)
         if config.seed is not None:
             env.unwrapped.action_space.seed(config.seed + rank)
         return env
@@ -124,10 +159,7 @@ def build_vec_env(config: RunConfig, innermost: EnvWrapper | None = None) -> Vec
     venv = kinds[config.vec_env](makers)
     if config.pieces:
         _check_same_observations(config, venv)
-    venv.seed(config.seed)
-    for plugin in config.vec_env_wrapper:
-        venv = plugin(venv)
-    return normalized(config, venv)
+    return venv
 
 
 def _check_same_observations(config: RunConfig, venv: VecEnv) -> None:

@@ -19,6 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_piano.batch import BatchVecEnv
 from sb3_piano.callbacks import EpisodeMetricsCallback, RewardTermsCallback
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY, Checkpoint, ResumableCheckpoint
 from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, set_run_context
@@ -69,7 +70,7 @@ def train(
     runs_dir: str | os.PathLike[str] = "runs",
     callbacks: Sequence[BaseCallback] = (),
     progress_bar: bool = True,
-    checkpoint_every: int = DEFAULT_EVERY,
+    checkpoint_every: int | None = None,
 ) -> TrainResult:
     """Train a new model.
 
@@ -84,13 +85,14 @@ def train(
         callbacks: Callbacks besides the config's. They are not saved in the run's folder, so
             :func:`resume` does not restore them.
         progress_bar: Whether to show progress on the terminal.
-        checkpoint_every: Environment steps between two checkpoints.
+        checkpoint_every: Environment steps between two checkpoints; by default 10,000, and of a
+            batch at least 1,000 of each agent.
 
     Raises:
         ConfigError: If environment, algorithm or callbacks refuse their settings.
         RunError: If the folder cannot be used.
     """
-    checkpoint_every = checked("checkpoint_every", checkpoint_every, Count)
+    checked("checkpoint_every", checkpoint_every, Count | None)
     if config.seed is None:
         config = dataclasses.replace(config, seed=int(np.random.default_rng().integers(2**31)))
     with (
@@ -119,7 +121,7 @@ def resume(
     env_id: str | None = None,
     callbacks: Sequence[BaseCallback] = (),
     progress_bar: bool = True,
-    checkpoint_every: int = DEFAULT_EVERY,
+    checkpoint_every: int | None = None,
 ) -> TrainResult:
     """Resume a run from its last checkpoint: model, replay buffer, step count, callbacks.
 
@@ -140,13 +142,13 @@ def resume(
         env_id: Expected environment of the run, if any.
         callbacks: As in :func:`train`.
         progress_bar: Whether to show progress on the terminal.
-        checkpoint_every: Environment steps between two checkpoints.
+        checkpoint_every: As in :func:`train`.
 
     Raises:
         ConfigError: If the run's config is damaged, or its environment cannot be made.
         RunError: If there is no run, it is not as expected, or its checkpoint is damaged.
     """
-    checkpoint_every = checked("checkpoint_every", checkpoint_every, Count)
+    checked("checkpoint_every", checkpoint_every, Count | None)
     run = RunFolder.open(folder)
     if run.weights_file.is_file():
         raise RunError(
@@ -197,7 +199,7 @@ def _learn(
     model: BaseAlgorithm,
     callbacks: Sequence[BaseCallback],
     resumed: Checkpoint | None,
-    checkpoint_every: int,
+    checkpoint_every: int | None,
     progress_bar: bool,
 ) -> TrainResult:
     """Train in a run's folder up to the config's number of steps.
@@ -217,6 +219,7 @@ def _learn(
     set_run_context(RunContext(folder=run.path, make_env=another_env), callbacks)
     if resumed is not None:
         resumed.restore_callbacks(callbacks)
+    least = max(DEFAULT_EVERY, 1000 * config.n_agents)
     own: list[BaseCallback] = [EpisodeMetricsCallback(), RewardTermsCallback()]
     with contextlib.ExitStack() as stack:
         stack.callback(_close_logger, model)
@@ -226,7 +229,7 @@ def _learn(
         own.append(
             ResumableCheckpoint(
                 run.checkpoint_dir,
-                checkpoint_every,
+                checkpoint_every or (least if config.is_batched else DEFAULT_EVERY),
                 model_copy=run.model_file,
                 labels=config.labels,
                 resumed=resumed,
@@ -271,7 +274,7 @@ def _open_logs(run: RunFolder, model: BaseAlgorithm, *, append: bool) -> None:
         for log in (place, *place.rglob("*")):
             check_inside(log)  # SB3 writes there without this check
     bare = venv.unwrapped  # a wrapper may show more agents than there are environments
-    for index in range(bare.num_envs):
+    for index in range(1 if isinstance(bare, BatchVecEnv) else bare.num_envs):
         path = str(run.monitor_dir / str(index))
         bare.env_method("write_episodes_to", path, append, indices=[index])
     if importlib.util.find_spec("tensorboard") is None:

@@ -123,7 +123,9 @@ class BatchedPiano:
         self.device = self.worlds.device
         """Device of all tensors."""
         self._take_wrappers()
-        self.pieces = self._prepared([None] if given else scores, checked("draws", draws, Count), seed)
+        self.pieces = self._prepared(
+            [None] if given else scores, checked("draws", draws, Count), seed
+        )
         """Pieces as tables of tensors."""
         self._begin_all(metrics)
         self.action_space, self.observation_space = env.action_space, env.observation_space

@@ -20,7 +20,7 @@ from sb3_piano.layers import layers
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.wrappers.hand_reward import HAND_REWARDS
 
-_OF_A_WORLD = ("steps_played", "total_steps", "performance", "set_piece_weights")
+_OF_A_WORLD = ("steps_played", "total_steps", "performance", "piece_index", "set_piece_weights")
 """Attributes that a single environment has of its own episodes."""
 
 
@@ -106,11 +106,11 @@ class BatchVecEnv(VecEnv):
         """Return an attribute of the single environment, once for each index."""
         if attr_name in _OF_A_WORLD:
             raise ConfigError(
-                f"{attr_name!r} differs from world to world, and a batch does not have it: expected "
-                "single environments, such as with vec_env 'threads'."
+                f"{attr_name!r} is of one world, and a batch does not have it: expected single "
+                "environments, such as with vec_env 'threads'."
             )
-        value = self.batch.env.get_wrapper_attr(attr_name)
-        return [value for _ in self._get_indices(indices)]
+        env = self.batch.env
+        return [env.get_wrapper_attr(attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Raise ``ConfigError``: the worlds share their attributes."""

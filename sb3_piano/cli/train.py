@@ -71,14 +71,19 @@ def add_arguments(parser: Any) -> None:
     add(
         "--batched",
         "N",
-        "train on N environments as one batch, on MuJoCo's threads, or on a GPU with --device cuda; "
-        "the default of --config is then 'batched'",
+        "train on N environments as one batch, on MuJoCo's threads or, with --device cuda, on a "
+        "GPU; default of --config: batched",
         whole_number,
     )
     add("--device", "NAME", "device of the networks, and of a batch: auto (default), cpu or cuda")
     add("--num-threads")
     add("--matmul-precision")
-    add("--checkpoint-every", "N", "steps between checkpoints; default: 10000, of a batch 1000 of each agent", whole_number)
+    add(
+        "--checkpoint-every",
+        "N",
+        "steps between checkpoints; default: 10000, of a batch 1000 of each agent",
+        whole_number,
+    )
     add("--runs-dir")
     add("--out", "DIR", "folder of this run; default: a new one in --runs-dir")
     add("--resume", "RUN", "resume the run in this folder")

@@ -58,7 +58,8 @@ def distinct_ids(algo):
 
 ENTRIES = [(algo, env_id) for algo in PRESETS for env_id in distinct_ids(algo)]
 TWO_HANDS = "RoboPianist-debug-CMajorScaleTwoHands-v0"
-PUBLISHED = [(name, algo) for name, files in NAMED.items() if name != "fast" for algo in files]
+OURS = ("batched", "fast")
+PUBLISHED = [(name, algo) for name, files in NAMED.items() if name not in OURS for algo in files]
 CELLS = Path(__file__).parents[2] / "examples" / "sac_vs_td3"
 
 

@@ -74,7 +74,8 @@ def fast_updates(model: BaseAlgorithm) -> Iterator[None]:
             for name in ("forward", "q1_forward"):
                 if hasattr(critic, name):
                     stack.enter_context(_without_own_gradients(critic, name))
-            for layer, actions in _first_layers(policy):
+            on_cpu = model.device.type == "cpu"  # a GPU would wait for the list of used inputs
+            for layer, actions in _first_layers(policy) if on_cpu else ():
                 layer.__class__ = ZeroSkippingLinear
                 layer.always_used = actions
                 stack.callback(_restore, layer)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -29,13 +30,19 @@ class CpuWorlds(Worlds):
         count: Number of worlds.
         n_substeps: Physics steps in a control step.
         n_threads: Threads, including the calling one; by default one for each usable core.
+        varied: Names of the model's fields of which each world has its own.
 
     Raises:
         ConfigError: If ``n_threads`` is not valid, or this MuJoCo has no ``mujoco.batch``.
     """
 
     def __init__(
-        self, scene: PianoScene, count: int, n_substeps: int, n_threads: int | None = None
+        self,
+        scene: PianoScene,
+        count: int,
+        n_substeps: int,
+        n_threads: int | None = None,
+        varied: Sequence[str] = (),
     ):
         super().__init__(scene, count, n_substeps, torch.device("cpu"))
         try:
@@ -50,6 +57,7 @@ class CpuWorlds(Worlds):
         self._stage = mujoco.mjtStage.mjSTAGE_VEL.value
         model = _with_noted_keys(scene, n_substeps)
         self._batch = made(model, count, self.n_threads, persistent=True)
+        self.fields = {name: torch.from_numpy(self._batch.expand(name)) for name in varied}
         self.qpos, self.qvel = self._view("qpos"), self._view("qvel")
         self.geom_xpos, self.site_xpos = self._view("geom_xpos"), self._view("site_xpos")
         self.actuator_force = self._view("actuator_force")
@@ -65,6 +73,11 @@ class CpuWorlds(Worlds):
         with warnings.catch_warnings():  # the arrays of MuJoCo's results are read-only
             warnings.simplefilter("ignore", UserWarning)
             return torch.from_numpy(self._batch.bind(name))
+
+    def update_constants(self, mask: Tensor) -> None:
+        """Compute constants; see :meth:`Worlds.update_constants`."""
+        if "body_mass" in self.fields:
+            self._batch.set_const(np.flatnonzero(mask.numpy()))
 
     def reset(self, mask: Tensor, sliders: Tensor | None = None) -> None:
         """Put worlds to rest; see :meth:`Worlds.reset`."""

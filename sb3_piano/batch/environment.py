@@ -16,6 +16,7 @@ from sb3_piano.batch.hands import HandControls, HandRewards
 from sb3_piano.batch.observations import observations_of
 from sb3_piano.batch.tables import Pieces
 from sb3_piano.batch.task import Heard, Strikes, Task
+from sb3_piano.batch.varied import Varied
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs import PianoEnv, PianoEnvConfig
 from sb3_piano.envs.piano_env import HAND_OFFSET
@@ -23,7 +24,7 @@ from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, one_line
 from sb3_piano.layers import layers
 from sb3_piano.settings import Count, checked
-from sb3_piano.wrappers import HandActions, HandReward, ScoreWrapper
+from sb3_piano.wrappers import DomainRandomization, HandActions, HandReward, ScoreWrapper
 from sb3_piano.wrappers.piano import unwrap_piano
 
 Backend = Literal["cpu", "warp"]
@@ -32,7 +33,7 @@ Backend = Literal["cpu", "warp"]
 Wrapper = Callable[[Any], gym.Env[Any, Any]]
 
 _HARMLESS = (Monitor, OrderEnforcing, PassiveEnvChecker)
-_KNOWN = (ScoreWrapper, HandActions, HandReward, TimeLimit, *_HARMLESS)
+_KNOWN = (ScoreWrapper, HandActions, HandReward, DomainRandomization, TimeLimit, *_HARMLESS)
 
 
 class BatchStep(NamedTuple):
@@ -55,10 +56,10 @@ class BatchedPiano:
     up to rounding. Reset worlds whose episode has ended with the mask of :meth:`reset`; later steps
     in them return meaningless values.
 
-    Supported wrappers are those that change the score, ``HandActions``, ``HandReward`` and
-    ``TimeLimit``. With a wrapper that changes the score, ``draws`` scores are drawn beforehand, and
-    each episode draws one of these. Other scores are distributed: world i plays number i modulo
-    their count.
+    Supported wrappers are those that change the score, ``HandActions``, ``HandReward``,
+    ``DomainRandomization`` and ``TimeLimit``. With a wrapper that changes the score, ``draws``
+    scores are drawn beforehand, and each episode draws one of these. Other scores are distributed:
+    world i plays number i modulo their count.
 
     Args:
         num_envs: Number of worlds, N.
@@ -116,13 +117,13 @@ class BatchedPiano:
         """The single environment: scene, spaces and settings; it is not one of the worlds."""
         _check_options(self.piano.config)
         self.np_random = np.random.default_rng(seed)
-        self.worlds: Worlds = _worlds(
-            self.piano, self.num_envs, backend, device, n_threads, physics_options or {}
-        )
+        self._take_wrappers()
+        more = {"varied": self._random.varied} if self._random is not None else {}
+        more |= physics_options or {}
+        self.worlds: Worlds = _worlds(self.piano, self.num_envs, backend, device, n_threads, more)
         """Physics of all worlds."""
         self.device = self.worlds.device
         """Device of all tensors."""
-        self._take_wrappers()
         self.pieces = self._prepared(
             [None] if given else scores, checked("draws", draws, Count), seed
         )
@@ -135,12 +136,15 @@ class BatchedPiano:
         self._limit, self._drawn = 2**31, False
         self._actions: HandActions | None = None
         self._reward: HandReward | None = None
+        self._random: DomainRandomization | None = None
         for layer in layers(self.env):
             if isinstance(layer, HandActions):
                 self._actions = layer
             elif isinstance(layer, HandReward):
                 self._reward = layer
                 _refuse_dynamics(layer.dynamics)
+            elif isinstance(layer, DomainRandomization):
+                self._random = layer
             elif isinstance(layer, TimeLimit):
                 self._limit = min(self._limit, layer._max_episode_steps)
             elif isinstance(layer, ScoreWrapper):
@@ -148,8 +152,8 @@ class BatchedPiano:
             if layer is not self.piano and not isinstance(layer, _KNOWN):
                 raise ConfigError(
                     f"{type(layer).__name__} is no wrapper that can be batched: expected wrappers "
-                    "that change the score, HandActions, HandReward or TimeLimit; or single "
-                    "environments."
+                    "that change the score, HandActions, HandReward, DomainRandomization or "
+                    "TimeLimit; or single environments."
                 )
 
     def _prepared(
@@ -201,6 +205,7 @@ class BatchedPiano:
         )
         self.hand_rewards: Tensor | None = None
         """(N, h) rewards of the hands in the last step, with ``HandReward`` only."""
+        self._varied = Varied(self._random, worlds, heard) if self._random is not None else None
         parts = (heard, self.sums, self._strikes, self._hand_rewards)
         self._episodes = tuple(part for part in parts if part is not None)
 
@@ -239,6 +244,8 @@ class BatchedPiano:
         if self.config.randomize_hand_positions:
             drawn = self.np_random.uniform(-HAND_OFFSET, HAND_OFFSET, self.num_envs)
             sliders = torch.from_numpy(drawn).to(self.worlds.qpos)
+        if self._varied is not None:
+            self._varied.begin(mask, self.np_random)
         self.worlds.reset(mask, sliders)
         for part in self._episodes:
             part.begin(mask)
@@ -259,6 +266,8 @@ class BatchedPiano:
         heard, step = self.heard, self._step()
         row = self.pieces.first[self.piece] + step
         heard.pedal, controls = self._controls(self._checked(actions), row)
+        if self._varied is not None:
+            heard.pedal, controls = self._varied.late(heard.pedal, controls)
         self.worlds.step(controls)
         heard.read()
         self.terms = self._task.terms(self.piece, row)
@@ -288,7 +297,8 @@ class BatchedPiano:
 
     def observe(self) -> Tensor:
         """Return all observations, (N, n) float32; after an episode's end with its last goal."""
-        return self._observations.write(self.pieces.first[self.piece] + self._step())
+        seen = self._observations.write(self.pieces.first[self.piece] + self._step())
+        return seen if self._varied is None else self._varied.seen(seen)
 
     def summaries(self, worlds: Sequence[int]) -> list[dict[str, float]]:
         """Return the metrics and returns of some worlds' episodes so far."""

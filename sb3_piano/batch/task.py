@@ -29,7 +29,9 @@ class Heard:
         def tensor(array: object) -> Tensor:
             return torch.as_tensor(np.asarray(array)).to(like)
 
-        self._highest, self._sounds = map(tensor, (scene.key_max_angle, scene.key_sounding_angle))
+        self._highest = tensor(scene.key_max_angle)
+        self.threshold = tensor(scene.key_sounding_angle).expand(worlds.count, -1)
+        """(N, 88) angle at and above which each key sounds, rad."""
         self._press_offset = tensor(scene.key_press_offset)
         self._press_geom = torch.as_tensor(scene.key_geom, device=like.device)
         self._tip_site = torch.as_tensor(scene.fingertip_site, device=like.device)
@@ -77,7 +79,7 @@ class Heard:
 
     def within(self, rows: Tensor | slice = slice(None)) -> Tensor:
         """Return the sounding keys after each physics step, (n, p, 88), of some worlds."""
-        return self._worlds.key_angles(rows) >= self._sounds
+        return self._worlds.key_angles(rows) >= self.threshold[rows][:, None]
 
     def share(self) -> Tensor:
         """Return the share of the control step after which keys kept their state, (N, 88)."""
@@ -94,7 +96,7 @@ class Heard:
             first, last = scene.moving_keys.start, scene.moving_keys.stop
             moving = torch.nn.functional.pad(moving, (first, NUM_KEYS - last))
         angle = torch.minimum(moving, self._highest)
-        self.key_state, self.sounding = angle / self._highest, angle >= self._sounds
+        self.key_state, self.sounding = angle / self._highest, angle >= self.threshold
         if scene.sides:
             tips = worlds.site_xpos.index_select(1, self._tip_site)
             everyone = len(self._fingers) == NUM_FINGERS

@@ -1,6 +1,7 @@
 """Worlds on a GPU with MuJoCo Warp, in single precision."""
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco_warp as mjw
@@ -53,6 +54,8 @@ class WarpWorlds(Worlds):
         n_nonzero: Non-zero entries in the constraints' Jacobian, likewise.
         n_convex: Close pairs of cylinders and hulls, likewise, on average.
         graph: Whether to capture a graph, if the device can.
+        varied: Names of the model's fields of which each world has its own; not masses, whose
+            derived constants Warp would share.
 
     Raises:
         ConfigError: If an argument is not valid, the device does not exist, or its memory is too
@@ -71,8 +74,14 @@ class WarpWorlds(Worlds):
         n_nonzero: int = _NONZERO,
         n_convex: int = _CONVEX,
         graph: bool = True,
+        varied: Sequence[str] = (),
     ):
         super().__init__(scene, count, n_substeps, torch.device(_device(device)))
+        if "body_mass" in varied:
+            raise ConfigError(
+                "Masses cannot differ between worlds of MuJoCo Warp: expected mass (1, 1), or "
+                "backend='cpu'."
+            )
         reference = bool(scene.model.opt.gravity.any())
         rows = _OF_REFERENCE if reference else _CONSTRAINTS
         if reference:
@@ -82,7 +91,8 @@ class WarpWorlds(Worlds):
         self._on = wp.device_from_torch(self.device)
         try:
             with wp.ScopedDevice(self._on):
-                self._m = mjw.put_model(scene.model)
+                self._m = mjw.put_model(scene.model, dict.fromkeys(varied, count))
+                self.fields = {name: self._field(name) for name in varied}
                 self._d = mjw.put_data(
                     scene.model,
                     data,
@@ -102,6 +112,12 @@ class WarpWorlds(Worlds):
             ) from error
         self._graphs: dict[str, Any] | None = {} if graph and self._on.is_cuda else None
         self._warm_up()
+
+    def _field(self, name: str) -> Tensor:
+        """View a field of the model in MuJoCo's shape, (N, ...)."""
+        shape = getattr(self.scene.model, name).shape
+        tensor: Tensor = wp.to_torch(getattr(self._m, name))
+        return tensor.view(self.count, *tensor.shape[1 : 1 + len(shape)])
 
     def _take(self) -> None:
         """View Warp's arrays as tensors, and allocate the other tensors."""
@@ -123,6 +139,9 @@ class WarpWorlds(Worlds):
             side[geoms] = number
         self._side = wp.array(side, dtype=int)
         self._slider_qpos = wp.array(self.scene.slider_qpos.astype(np.int32), dtype=int)
+
+    def update_constants(self, mask: Tensor) -> None:
+        """Do nothing: no field that may differ has constants of its own."""
 
     def reset(self, mask: Tensor, sliders: Tensor | None = None) -> None:
         """Reset worlds to rest; see :meth:`Worlds.reset`."""

@@ -36,6 +36,9 @@ class Worlds(ABC):
         self.lost = torch.zeros(count, dtype=torch.bool, device=device)
         """(N,) worlds whose physics broke down in the last control step."""
 
+        self.fields: dict[str, Tensor] = {}
+        """(N, ...) fields of MuJoCo's model of which each world has its own, by name."""
+
     @property
     def dtype(self) -> torch.dtype:
         """Number type of the physics."""
@@ -56,6 +59,10 @@ class Worlds(ABC):
         Returns:
             (n, p, 88), rad; 0 for rigid keys.
         """
+
+    @abstractmethod
+    def update_constants(self, mask: Tensor) -> None:
+        """Compute what follows from changed ``fields`` in some worlds, before their reset."""
 
     @abstractmethod
     def reset(self, mask: Tensor, sliders: Tensor | None = None) -> None:

@@ -196,8 +196,9 @@ class PianoScene:
         )
 
     def copy(self) -> PianoScene:
-        """Return the scene with a copy of its model, which may then be modified."""
-        return dataclasses.replace(self, model=copy.copy(self.model))
+        """Return the scene with copies of its model and thresholds, which may then be modified."""
+        angles = self.key_sounding_angle.copy()
+        return dataclasses.replace(self, model=copy.copy(self.model), key_sounding_angle=angles)
 
 
 _KINDS = {"along": "forearm", "across": "forearm", "up": "forearm", "wrist": "wrist"}

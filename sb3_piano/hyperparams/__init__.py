@@ -14,11 +14,14 @@ PRESETS = {path.stem: path for path in sorted(_HERE.glob("*.yml"))}
 """The files by the name of their algorithm."""
 
 NAMED = {
-    name: {path.stem: path for path in sorted(_HERE.glob(f"{name}/*.yml"))}
-    for name in ("fast", "robopianist", "robovirtuoso", "sac_vs_td3")
+    "fast": dict.fromkeys(("sac", "td3", "tqc"), _HERE / "fast" / "hands.yml"),
+    **{
+        name: {path.stem: path for path in sorted(_HERE.glob(f"{name}/*.yml"))}
+        for name in ("robopianist", "robovirtuoso", "sac_vs_td3")
+    },
 }
 """Files of the same kind by the name of a set, then of the algorithm: "fast" are settings of our
-own for learning from nothing, the others those of one publication each."""
+own for learning from nothing, in one file for all; the others those of one publication each."""
 
 SIGHT_READER = _HERE / "sight_reader" / "ppo.yml"
 """PPO on many pieces, from a distilled network of a hand."""

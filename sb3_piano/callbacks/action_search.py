@@ -38,7 +38,8 @@ class ActionSearchCallback(BaseCallback):
         callback:
           - sb3_piano.callbacks.ActionSearchCallback: {score: critics, candidates: 33}
 
-    A candidate costs next to nothing with "critics", and a simulated control step otherwise.
+    A candidate costs next to nothing with "critics", and a simulated control step otherwise. Where
+    hands are agents, the critics choose for each hand, the simulation for both together.
 
     Source: "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", section
     4.3, the one-step layer: 33 candidates without the simulation and about nine with it. Its onset

@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.players.policy import pianos_of
+from sb3_piano.players.policy import agents_of, pianos_of
 from sb3_piano.players.tree_search import PianoWorld, check_goes_back, moment_of, single_envs
 from sb3_piano.policies.values import PolicyValues, critic_values
 from sb3_piano.settings import Count, NotNegative, Positive, checked
@@ -38,7 +38,8 @@ class ActionSearchCallback(BaseCallback):
         callback:
           - sb3_piano.callbacks.ActionSearchCallback: {score: critics, candidates: 33}
 
-    A candidate costs next to nothing with "critics", and a simulated control step otherwise.
+    A candidate costs next to nothing with "critics", and a simulated control step otherwise. Where
+    hands are agents, the critics choose for each hand, the simulation for both together.
 
     Source: "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", section
     4.3, the one-step layer: 33 candidates without the simulation and about nine with it. Its onset
@@ -100,13 +101,15 @@ class ActionSearchCallback(BaseCallback):
             raise ConfigError(
                 "use_sde is True: expected False, as ActionSearchCallback explores in its place."
             )
+        self._agents = agents_of(self.training_env)
         if self._score != "critics":
             pianos_of(self.training_env)  # raises if they are out of reach
             self._envs = single_envs(self.training_env)
             for env in self._envs:
                 check_goes_back(env)
             self._worlds = [None] * len(self._envs)
-            self._values = PolicyValues(self.model, self.model.get_vec_normalize_env())
+            normalizer = self.model.get_vec_normalize_env()
+            self._values = PolicyValues(self.model, normalizer, agents=self._agents)
         self._searched_for, self._in_rollout = None, False
         # SB3 draws the actions of a roll-out by this method of the policy, an update by the actor.
         # A training that was interrupted has left ours there.
@@ -148,25 +151,34 @@ class ActionSearchCallback(BaseCallback):
         played: torch.Tensor = self._own_predict(observation, deterministic)
         if deterministic or not self._is_rollout(observation):
             return played
-        rows = [self._searched(slot, row[None]) for slot, row in enumerate(observation)]
-        return torch.cat(rows)
+        of_each = observation.split(self._agents)
+        return torch.cat([self._searched(slot, rows) for slot, rows in enumerate(of_each)])
 
     def _searched(self, slot: int, observation: torch.Tensor) -> torch.Tensor:
-        """Return the best action, (1, n), of one environment."""
+        """Return the best action, (agents, n), of one environment's agents.
+
+        Critics judge each agent's candidates; the simulation those of all agents together.
+        """
         policy: Any = self.model.policy
         mean, log_std, _ = policy.actor.get_action_dist_params(observation)
-        noise = torch.randn(self._candidates, mean.shape[1], device=mean.device)
+        noise = torch.randn(self._candidates, *mean.shape, device=mean.device)
         noise[0] = 0.0  # the policy's own
         actions = torch.tanh(mean + self._spread * log_std.exp() * noise)
-        seen = observation.expand(self._candidates, *observation.shape[1:])
-        values = critic_values(policy, seen, actions)
-        score = values.mean(dim=1) if self._score == "critics" else self._tried(slot, actions)
-        if self._score != "simulation":
-            score = score + self._optimism * values.std(dim=1, correction=0)
+        seen = observation.expand(self._candidates, *observation.shape).flatten(0, 1)
+        values = critic_values(policy, seen, actions.flatten(0, 1))
+        values = values.unflatten(0, actions.shape[:2])  # (candidates, agents, critics)
+        spread = self._optimism * values.std(dim=2, correction=0)
+        score = values.mean(dim=2) + spread
+        if self._score != "critics":
+            score = self._tried(slot, actions)[:, None]
+        if self._score == "both":
+            score = score + spread.mean(dim=1, keepdim=True)
         if self._choice == "greedy":
-            return actions[score.argmax()][None]
-        shares = torch.softmax(score / self._heat(), dim=0)
-        return actions[torch.multinomial(shares, 1)]
+            chosen = score.argmax(dim=0)
+        else:
+            shares = torch.softmax(score / self._heat(), dim=0)
+            chosen = torch.multinomial(shares.T, 1)[:, 0]
+        return actions[chosen, torch.arange(len(mean), device=mean.device)]
 
     def _tried(self, slot: int, actions: torch.Tensor) -> torch.Tensor:
         """Return the reward of each action plus the expected return after it."""
@@ -175,7 +187,7 @@ class ActionSearchCallback(BaseCallback):
         if piano.steps_played == 0 or world is None or world.roll is not piano.roll:
             self._worlds[slot] = world = PianoWorld(env, self._values)
         moment, scores = moment_of(env), []
-        for action in self._values.unscale_actions(actions):
+        for action in self._values.unscale_actions(actions.flatten(0, 1)):
             step = world.step(moment, action)
             ahead = 0.0 if step.terminal else world.judge(step.observation)[0]
             scores.append(step.reward + world.gamma * ahead)

@@ -14,6 +14,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from sb3_piano.callbacks.own_env import OwnEnvCallback, preserve_random_state
 from sb3_piano.callbacks.relabelling import Episode, Stage, Transition
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.players.policy import agents_of
 
 _MOST_WAITING = 10_000
 """Relabelled transitions of an environment that wait for those of the others, at most so many and
@@ -48,9 +49,9 @@ class HindsightCallback(OwnEnvCallback):
     Raises:
         ConfigError: When training starts, if the algorithm has no replay buffer, or one whose
             transitions must stand in order (``n_steps``, ``optimize_memory_usage``); if the
-            environment is no piano, is not seen as it is (``Dict`` observations, hands as agents),
-            or plays actions differently each time (``randomize_hand_positions``) or under another
-            score (corrections of a player); or if it cannot be copied.
+            environment is no piano, is not seen as it is (``Dict`` observations), or plays actions
+            differently each time (``randomize_hand_positions``) or under another score (corrections
+            of a player); or if it cannot be copied.
         RunError: If a relabelled episode has another F1 than 1: the environment plays the same
             actions differently.
     """
@@ -67,28 +68,29 @@ class HindsightCallback(OwnEnvCallback):
         _check_algorithm(self.model)
         self._stage = Stage(self._make_own_env(), self.model)
         self._ended = []
-        self._waiting = [deque() for _ in range(self.training_env.num_envs)]
+        self._agents = agents_of(self.training_env)
+        self._waiting = [deque() for _ in range(self.training_env.num_envs // self._agents)]
 
     def _on_training_start(self) -> None:
         # A training that goes on may begin amid an episode, whose first actions are not known.
-        played = self.training_env.get_attr("steps_played")
+        played = self.training_env.unwrapped.get_attr("steps_played")
         self._under_way = [Episode() if steps == 0 else None for steps in played]
 
     def _on_step(self) -> bool:
         actions, stored = self.locals["actions"], self.locals["buffer_actions"]
-        for slot, done in enumerate(self.locals["dones"]):
-            episode = self._under_way[slot]
+        for slot, episode in enumerate(self._under_way):
+            agents = slice(slot * self._agents, (slot + 1) * self._agents)
             if episode is not None:
-                episode.actions.append(actions[slot].copy())
-                episode.stored_actions.append(stored[slot].copy())
-            if done:
+                episode.actions.append(actions[agents].copy())
+                episode.stored_actions.append(stored[agents].copy())
+            if self.locals["dones"][agents.start]:
                 self._end(slot)
         return True
 
     def _end(self, slot: int) -> None:
         episode, self._under_way[slot] = self._under_way[slot], Episode()
         if episode is not None:
-            (total,) = self.training_env.get_attr("total_steps", slot)
+            (total,) = self.training_env.unwrapped.get_attr("total_steps", slot)
             episode.steps_before = total - len(episode.actions)
             self._ended.append((slot, episode))
 
@@ -101,7 +103,8 @@ class HindsightCallback(OwnEnvCallback):
             if len(self._waiting[slot]) < most:
                 self._relabel(slot, episode)
         while all(self._waiting):
-            _add_row(buffer, [waiting.popleft() for waiting in self._waiting])
+            row = [waiting.popleft() for waiting in self._waiting]
+            _add_row(buffer, row, self._agents)
 
     def _relabel(self, slot: int, episode: Episode) -> None:
         with preserve_random_state(self.model, None):
@@ -139,13 +142,13 @@ def _check_algorithm(model: BaseAlgorithm) -> None:
         )
 
 
-def _add_row(buffer: ReplayBuffer, row: Sequence[Transition]) -> None:
+def _add_row(buffer: ReplayBuffer, row: Sequence[Transition], agents: int) -> None:
     observations, following, actions, rewards, dones, infos = zip(*row, strict=True)
     buffer.add(
-        np.stack(observations),
-        np.stack(following),
-        np.stack(actions),
-        np.array(rewards),
-        np.array(dones),
-        list(infos),
+        np.concatenate(observations),
+        np.concatenate(following),
+        np.concatenate(actions),
+        np.concatenate(rewards),
+        np.repeat(dones, agents),
+        [info for info in infos for _ in range(agents)],
     )

@@ -26,6 +26,7 @@ from sb3_piano.callbacks.own_env import OwnEnvCallback, RunContext, env_name, pr
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.files import read_json, write_atomically, write_json
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.players.policy import agents_of
 from sb3_piano.settings import Count, checked
 from sb3_piano.wrappers import RandomPiece
 
@@ -231,7 +232,7 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
     @property
     def _agents(self) -> int:
         """Number of agents, with neighbouring indices, of each environment."""
-        return self.eval_env.num_envs // self.eval_env.unwrapped.num_envs
+        return agents_of(self.eval_env)
 
     def _on_training_start(self) -> None:
         super()._on_training_start()

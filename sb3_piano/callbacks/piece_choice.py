@@ -8,6 +8,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.difficulty import Features
+from sb3_piano.players.policy import agents_of
 from sb3_piano.wrappers import RandomPiece
 
 
@@ -38,7 +39,7 @@ class PieceChoice:
                 "pieces than environments (pieces, n_envs), or a sb3_piano.wrappers.RandomPiece "
                 "with two or more in env_wrapper."
             )
-        self.agents = venv.num_envs // self._venv.num_envs
+        self.agents = agents_of(venv)
         """How many environments a wrapper of the vector makes of each, such as one for each
         hand; those of environment ``i`` begin at ``i * agents``."""
 

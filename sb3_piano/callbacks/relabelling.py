@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, unwrap_vec_wrapper
 
 from sb3_piano.callbacks.own_env import env_name
 from sb3_piano.envs import PianoEnv
@@ -19,17 +19,20 @@ from sb3_piano.metrics import frame_f1
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.performance import Performance
+from sb3_piano.players.policy import agents_of
+from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers import HindsightFlag
+from sb3_piano.wrappers.hand_reward import HAND_REWARDS
 from sb3_piano.wrappers.residual import Residual
 from sb3_piano.wrappers.score_wrapper import FixedScore
 
 
 @dataclass
 class Episode:
-    """Actions of an episode, as played and as stored."""
+    """Actions of an episode, as played and as stored: (agents, n) in each control step."""
 
     actions: list[Any] = field(default_factory=list)
-    """Action of the environment in each control step."""
+    """Actions of the environment's agents in each control step."""
     stored_actions: list[Any] = field(default_factory=list)
     """The same as stored in the replay buffer."""
     steps_before: int = 0
@@ -37,12 +40,12 @@ class Episode:
 
 
 class Transition(NamedTuple):
-    """One environment's part of a row of a replay buffer."""
+    """One environment's part of a row of a replay buffer: an item for each of its agents."""
 
     observation: Any
     next_observation: Any
     action: Any
-    reward: float
+    reward: Any
     done: bool
     info: dict[str, Any]
 
@@ -65,6 +68,7 @@ class Stage:
             ConfigError: If episodes of a model's environment cannot be relabelled in it.
         """
         self._env: gym.Env[Any, Any] = getattr(venv.unwrapped, "envs")[0]  # noqa: B009
+        self._agents = agents_of(venv)
         self._piano = _piano_for(self._env, venv, model)
         config = self._piano.config
         for layer in layers(self._env):
@@ -100,6 +104,7 @@ class Stage:
             observation, _ = self._env.reset(options={"transform": FixedScore(score=score)})
         except ScoreError:
             return None
+        observation = self._by_agent(observation)
         self._piano.total_steps = episode.steps_before
         # A score ends with its last note: silence that follows is no part of it.
         steps = min(len(episode.actions), len(self._piano.roll))
@@ -107,8 +112,8 @@ class Stage:
         played = zip(
             episode.stored_actions[:steps], self._steps(episode.actions[:steps]), strict=True
         )
-        for stored, (following, reward, info) in played:
-            transitions.append(Transition(observation, following, stored, reward, False, info))
+        for stored, (following, rewards, info) in played:
+            transitions.append(Transition(observation, following, stored, rewards, False, info))
             observation = following
         info = {**transitions[-1].info, "TimeLimit.truncated": True}
         transitions[-1] = transitions[-1]._replace(done=True, info=info)
@@ -125,11 +130,17 @@ class Stage:
             pass
         return self._piano.performance
 
-    def _steps(self, actions: Sequence[Any]) -> Iterator[tuple[Any, float, dict[str, Any]]]:
-        """Play actions and yield observation, reward and info of each step."""
+    def _by_agent(self, observation: Any) -> Any:
+        """Return the part of each agent."""
+        return observation[None] if self._agents == 1 else observation.reshape(self._agents, -1)
+
+    def _steps(self, actions: Sequence[Any]) -> Iterator[tuple[Any, Any, dict[str, Any]]]:
+        """Play actions and yield the agents' observations and rewards, and info of each step."""
         for step, action in enumerate(actions, start=1):
-            observation, reward, terminated, truncated, info = self._env.step(action)
-            yield observation, float(reward), info
+            played = action[0] if self._agents == 1 else action.reshape(-1)
+            observation, reward, terminated, truncated, info = self._env.step(played)
+            rewards = [float(reward)] if self._agents == 1 else info[HAND_REWARDS]
+            yield self._by_agent(observation), rewards, info
             if (terminated or truncated) and step < len(actions):
                 raise RunError(
                     f"An episode of {len(actions)} control steps ended after {step} when it was "
@@ -149,13 +160,14 @@ def _piano_for(env: gym.Env[Any, Any], venv: VecEnv, model: BaseAlgorithm) -> Pi
         raise ConfigError(
             f"HindsightCallback finds {env_name(venv)}: expected a piano environment."
         )
+    seen = unwrap_vec_wrapper(venv, HandsAsAgents) or env
     for name in ("observation_space", "action_space"):
-        own, expected = getattr(env, name), getattr(model, name)
+        own, expected = getattr(seen, name), getattr(model, name)
         if own != expected:
             raise ConfigError(
                 f"HindsightCallback cannot add transitions of one environment: its {name} is "
                 f"{own}, the model's {expected}. Expected a training without vec_env_wrapper that "
-                "changes it, such as HandsAsAgents."
+                "changes it, except HandsAsAgents."
             )
     if piano.config.randomize_hand_positions:
         raise ConfigError(

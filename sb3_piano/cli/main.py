@@ -358,7 +358,9 @@ def parser_of(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
 
 
 def _add_presets(parser: Any) -> None:
-    command(parser, _presets)("text", "TEXT", "list only names with this text", nargs="?")
+    option = command(parser, _presets)
+    option("text", "TEXT", "list only names with this text", nargs="?")
+    option("--zoo", "ALGO", "print a named preset's settings of an algorithm as RL Zoo reads them")
 
 
 def _add_envs(parser: Any) -> None:
@@ -368,6 +370,13 @@ def _add_envs(parser: Any) -> None:
 def _presets(arguments: argparse.Namespace) -> int:
     from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS, purpose
 
+    if arguments.zoo is not None:
+        from sb3_piano.settings import refuse_unknown
+        from sb3_piano.training.configuration.entries import zoo_preset
+
+        refuse_unknown([str(arguments.text)], NAMED, "preset")
+        print(zoo_preset(arguments.zoo, arguments.text), end="")
+        return EXIT_OK
     files = [f for files in (PRESETS, *NAMED.values(), FINE_TUNING) for f in files.values()]
     return _print_list({str(file): purpose(file) for file in files}, arguments.text)
 

@@ -14,11 +14,15 @@ PRESETS = {path.stem: path for path in sorted(_HERE.glob("*.yml"))}
 """The files by the name of their algorithm."""
 
 NAMED = {
-    name: {path.stem: path for path in sorted(_HERE.glob(f"{name}/*.yml"))}
-    for name in ("batched", "fast", "robopianist", "robovirtuoso", "sac_vs_td3")
+    "fast": dict.fromkeys(("sac", "td3", "tqc"), _HERE / "fast" / "hands.yml"),
+    **{
+        name: {path.stem: path for path in sorted(_HERE.glob(f"{name}/*.yml"))}
+        for name in ("batched", "robopianist", "robovirtuoso", "sac_vs_td3")
+    },
 }
-"""Files of the same kind by the name of a set, then of the algorithm: "fast" and "batched" are
-settings of our own for learning from nothing, the others those of one publication each."""
+"""Files of the same kind by the name of a set, then of the algorithm: "fast" (one file for all) and
+"batched" are settings of our own for learning from nothing, the others those of one publication
+each."""
 
 SIGHT_READER = _HERE / "sight_reader" / "ppo.yml"
 """PPO on many pieces, from a distilled network of a hand."""

@@ -30,7 +30,8 @@ class PianoPolicy(ABC):
 
     Args:
         env: The environment, wrapped or not, or several of them in this process as a vector
-            environment of Stable-Baselines3.
+            environment of Stable-Baselines3. Where hands are agents, it has an observation and an
+            action for each hand.
 
     Raises:
         ConfigError: If it is no piano, or in another process.
@@ -42,10 +43,13 @@ class PianoPolicy(ABC):
     def __init__(self, env: gym.Env[Any, Any] | VecEnv) -> None:
         self._env = env
         self._pianos = pianos_of(env)
+        self._agents = agents_of(env)
         self._logger: Logger | None = None
         self._normalizer = _normalizer_of(env)
         self._space = env.observation_space
         seen = self._space if self._normalizer is None else self._normalizer.venv.observation_space
+        if self._agents > 1:
+            seen = singles_of(env)[0].observation_space
         self._layout = seen.layout if isinstance(seen, ObservationSpace) else None
 
     # Importing torch and Stable-Baselines3 takes a second, and playing does not need them.
@@ -90,17 +94,22 @@ class PianoPolicy(ABC):
         """
         del deterministic
         rows, single = self._rows(observation)
-        if len(rows) != len(self._pianos):
+        expected = len(self._pianos) * self._agents
+        if len(rows) != expected:
             raise ConfigError(
-                f"There are {len(rows)} observations: expected {len(self._pianos)}, one for each "
-                "environment that this player was made for."
+                f"There are {len(rows)} observations: expected {expected}, one for each "
+                f"{'environment' if self._agents == 1 else 'hand'} that this player was made for."
             )
         if self._normalizer is not None and isinstance(rows, np.ndarray):
             rows = np.asarray(self._normalizer.unnormalize_obs(rows))
+        if self._agents > 1:
+            rows = rows.reshape(len(self._pianos), -1)
         steps = self._steps(state, episode_start)
         actions = np.stack(
             [self._act(slot, int(steps[slot]), row) for slot, row in enumerate(rows)]
         ).astype(np.float32)
+        if self._agents > 1:
+            actions = actions.reshape(expected, -1)
         return (actions[0] if single else actions), steps + 1
 
     def _rows(self, observation: Any) -> tuple[Any, bool]:
@@ -153,7 +162,7 @@ class PianoPolicy(ABC):
         else:
             steps = np.array(state, dtype=np.intp)
         if episode_start is not None:
-            steps[np.asarray(episode_start, dtype=bool)] = 0
+            steps[np.asarray(episode_start, dtype=bool)[:: self._agents]] = 0
         return steps
 
 
@@ -174,6 +183,14 @@ def singles_of(env: gym.Env[Any, Any] | VecEnv) -> list[gym.Env[Any, Any]]:
             "DummyVecEnv or sb3_piano.vec_env.ThreadVecEnv."
         )
     return inner.envs
+
+
+def agents_of(env: gym.Env[Any, Any] | VecEnv) -> int:
+    """Return how many agents play in each environment: its hands, where each is one, else 1.
+
+    Their rows in observations and actions of a vector are neighbours.
+    """
+    return 1 if isinstance(env, gym.Env) else env.num_envs // env.unwrapped.num_envs
 
 
 def pianos_of(env: gym.Env[Any, Any] | VecEnv) -> list[PianoEnv]:

@@ -25,6 +25,7 @@ from sb3_piano.players.policy import PianoPolicy, singles_of
 from sb3_piano.players.tree import Step, Tree, TreeSettings
 from sb3_piano.policies.values import PolicyValues
 from sb3_piano.settings import Index, NotNegative, checked
+from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers.hand_actions import change_of_actions
 from sb3_piano.wrappers.piano import unwrap_piano
 
@@ -68,7 +69,8 @@ class TreeSearch(PianoPolicy):
     Wrappers with a state between control steps must have ``snapshot`` and ``go_back``, as the
     wrappers of this package do.
 
-    A model's rewards are those of the environment. The values of SAC's critics include its entropy.
+    A model's rewards are those of the environment. Where hands are agents, a step is that of both,
+    and a value is the mean of theirs. The values of SAC's critics include its entropy.
     The end of a piece has the value 0, as in the source, although the critics of Stable-Baselines3
     look beyond it.
 
@@ -120,7 +122,9 @@ class TreeSearch(PianoPolicy):
             self._check_player(model)
         else:
             checked_model = _checked_model(model, env)
-            self._values = PolicyValues(checked_model, self._normalizer, self._noise)
+            self._values = PolicyValues(
+                checked_model, self._normalizer, self._noise, agents=self._agents
+            )
         self.set_random_seed(seed)
         self._worlds: list[PianoWorld | None] = [None] * len(self._envs)
         self._searches: list[tuple[int, int, float]] = []
@@ -255,15 +259,19 @@ def single_envs(env: gym.Env[Any, Any] | VecEnv) -> Sequence[gym.Env[Any, Any]]:
     """Return the environments of a vector in this process, normalised or not.
 
     Raises:
-        ConfigError: If another vector wrapper is around them.
+        ConfigError: If another vector wrapper is around them, or hands are agents of what is
+            normalised.
     """
     wrapper: Any = env
+    known: tuple[type, ...] = (VecNormalize, VecMonitor, HandsAsAgents)
     while isinstance(wrapper, VecEnvWrapper):
-        if not isinstance(wrapper, VecNormalize | VecMonitor):
+        if not isinstance(wrapper, known):
             raise ConfigError(
                 f"A tree cannot be searched with {type(wrapper).__name__} around the environments: "
-                "expected none, or VecNormalize."
+                "expected none, HandsAsAgents, or VecNormalize around all others."
             )
+        if isinstance(wrapper, HandsAsAgents):
+            known = (VecMonitor,)
         wrapper = wrapper.venv
     return singles_of(env)
 

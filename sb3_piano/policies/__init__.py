@@ -7,6 +7,7 @@ from sb3_piano.policies.hand_network import hand_weights as hand_weights
 from sb3_piano.policies.hand_network import load_hand_weights as load_hand_weights
 from sb3_piano.policies.hand_network import set_standardization as set_standardization
 from sb3_piano.policies.hands import HandsActorCriticPolicy, HandsSACPolicy, HandsTD3Policy
+from sb3_piano.policies.hands import HandsTQCPolicy as HandsTQCPolicy
 from sb3_piano.policies.regularized import RegularizedSACPolicy, RegularizedTD3Policy
 from sb3_piano.policies.regularized import RegularizedTQCPolicy as RegularizedTQCPolicy
 from sb3_piano.policies.simba import RSNorm as RSNorm

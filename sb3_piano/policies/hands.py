@@ -1,4 +1,4 @@
-"""Policies of SAC, TD3 and PPO in which one network plays every hand.
+"""Policies of SAC, TD3, TQC and PPO in which one network plays every hand.
 
 Observations and actions are blocks of equal size, one for each hand: two of a piece that is played
 with both (right, then left, each as if it were a right hand), or one where a training treats each
@@ -25,7 +25,11 @@ from sb3_piano.policies.hand_network import (
     PerHand,
     Standardize,
 )
-from sb3_piano.policies.regularized import RegularizedSACPolicy, RegularizedTD3Policy
+from sb3_piano.policies.regularized import (
+    RegularizedSACPolicy,
+    RegularizedTD3Policy,
+    RegularizedTQCPolicy,
+)
 from sb3_piano.settings import Count, Index, Positive, checked
 
 
@@ -119,7 +123,23 @@ class _OffPolicyHands(_Hands):
         self.critic.optimizer = self._new_optimizer(lr_schedule, [], critic)
 
 
-class HandsSACPolicy(_OffPolicyHands, RegularizedSACPolicy):
+class _ExploringHands(_OffPolicyHands):
+    """Mixin for off-policy algorithms whose actor has a distribution of actions."""
+
+    actor_kwargs: dict[str, Any]
+    _defaults: ClassVar[dict[str, Any]] = {**_OffPolicyHands._defaults, "log_std_init": -4.0}
+
+    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
+        """Return a new actor."""
+        actor: Any = super().make_actor(features_extractor)  # type: ignore[misc]
+        actor.latent_pi, actor.mu, _ = self._new_network()
+        actor.log_std = ConstantLogStd(
+            self._actions, self.n_hands, self.actor_kwargs["log_std_init"]
+        )
+        return actor.to(self.device)
+
+
+class HandsSACPolicy(_ExploringHands, RegularizedSACPolicy):
     """SAC policy with one network for all hands, and small initial exploration.
 
     The standard deviations are a parameter independent of the state, shared by all hands.
@@ -143,17 +163,9 @@ class HandsSACPolicy(_OffPolicyHands, RegularizedSACPolicy):
         ConfigError: If observations or actions cannot be divided so, or a setting is wrong.
     """
 
-    actor_kwargs: dict[str, Any]
-    _defaults: ClassVar[dict[str, Any]] = {**_OffPolicyHands._defaults, "log_std_init": -4.0}
 
-    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
-        """Return a new actor."""
-        actor: Any = super().make_actor(features_extractor)
-        actor.latent_pi, actor.mu, _ = self._new_network()
-        actor.log_std = ConstantLogStd(
-            self._actions, self.n_hands, self.actor_kwargs["log_std_init"]
-        )
-        return actor.to(self.device)
+class HandsTQCPolicy(_ExploringHands, RegularizedTQCPolicy):
+    """TQC policy with one network for all hands; arguments as of :class:`HandsSACPolicy`."""
 
 
 class HandsTD3Policy(_OffPolicyHands, RegularizedTD3Policy):

@@ -37,16 +37,20 @@ class PolicyValues:
         model: OffPolicyAlgorithm,
         normalizer: VecNormalize | None,
         noise: FloatArray | float = 0.0,
+        agents: int = 1,
     ):
         """Wrap a model and its ``VecNormalize``.
 
         ``noise`` is the standard deviation of proposals of a policy without a distribution.
+        ``agents`` is the number of agents in an environment, each with an equal part of its
+        observation and of its actions; the value is the mean of theirs.
         """
         self.gamma = float(model.gamma)
         self._policy: Any = model.policy
         self._policy.set_training_mode(False)
         self._normalizer = normalizer
         self._noise = noise
+        self._agents = agents
         self._devices = [model.device] if model.device.type == "cuda" else []
         self._random_states = self._generators()
 
@@ -77,13 +81,14 @@ class PolicyValues:
         """Return the critics' mean value of the policy's action, and the action."""
         seen = self._seen(observation)
         mode = self._policy._predict(seen, deterministic=True)
-        return float(critic_values(self._policy, seen, mode).mean()), self.unscale_actions(mode)[0]
+        (action,) = self.unscale_actions(mode)
+        return float(critic_values(self._policy, seen, mode).mean()), action
 
     @torch.no_grad()
     def propose(self, observation: Any, mode: Float32Array) -> list[Float32Array]:
         """Draw actions from the policy; ``mode`` is its deterministic action."""
         seen = self._seen(observation)
-        rows = seen.expand(_PROPOSALS, *seen.shape[1:])
+        rows = seen.repeat(_PROPOSALS, *(1 for _ in seen.shape[1:]))
         with torch.random.fork_rng(self._devices):
             processor, *others = self._random_states
             torch.set_rng_state(processor)
@@ -97,12 +102,15 @@ class PolicyValues:
         return list(played)
 
     def _seen(self, observation: Any) -> torch.Tensor:
+        """Return a row for each agent."""
+        if self._agents > 1:
+            observation = observation.reshape(self._agents, -1)
         if self._normalizer is not None:
             observation = self._normalizer.normalize_obs(observation)
         tensor: torch.Tensor = self._policy.obs_to_tensor(observation)[0]
         return tensor
 
     def unscale_actions(self, actions: torch.Tensor) -> Float32Array:
-        """Rescale actions from [-1, 1] to the bounds of the action space."""
+        """Rescale agents' actions from [-1, 1] to their bounds; return a row for each step."""
         played: Float32Array = self._policy.unscale_action(actions.cpu().numpy())
-        return played
+        return played if self._agents == 1 else played.reshape(-1, self._agents * played.shape[1])

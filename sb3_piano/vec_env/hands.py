@@ -41,7 +41,8 @@ class HandsAsAgents(VecEnvWrapper):
             self._hands = hands = len(venv.get_attr("config", 0)[0].sides)
         except AttributeError:  # no piano
             self._hands = hands = 0
-        spaces = [_of_hand(space, hands) for space in (venv.observation_space, venv.action_space)]
+        both = {"observation": venv.observation_space, "action": venv.action_space}
+        spaces = [_of_hand(what, space, hands) for what, space in both.items()]
         if not all(venv.env_is_wrapped(HandReward)):
             raise ConfigError(
                 "HandsAsAgents finds no reward of each hand: expected "
@@ -96,7 +97,7 @@ class HandsAsAgents(VecEnvWrapper):
         return [hand // self._hands for hand in self._get_indices(indices)]
 
 
-def _of_hand(space: gym.Space[Any], hands: int) -> gym.spaces.Box:
+def _of_hand(what: str, space: gym.Space[Any], hands: int) -> gym.spaces.Box:
     """Return the space of one hand."""
     numbers = space.shape[0] if space.shape is not None and len(space.shape) == 1 else 0
     if isinstance(space, gym.spaces.Box) and hands and numbers and numbers % hands == 0:
@@ -104,8 +105,10 @@ def _of_hand(space: gym.Space[Any], hands: int) -> gym.spaces.Box:
         if np.array_equal(low[0], low[-1]) and np.array_equal(high[0], high[-1]):
             return gym.spaces.Box(low[0], high[0], dtype=space.dtype.type)
     raise ConfigError(
-        f"HandsAsAgents cannot give each hand a part of {space}: expected parts with equal "
-        'bounds, as of the observation "hands" and of sb3_piano.wrappers.HandActions.'
+        f"HandsAsAgents cannot give each hand a part of the {what} space, {type(space).__name__} "
+        f"of {numbers} numbers: expected parts with equal bounds, as of the observation "
+        '"hands" without further blocks (HindsightFlag\'s, say) and of '
+        "sb3_piano.wrappers.HandActions."
     )
 
 

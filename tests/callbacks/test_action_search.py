@@ -17,7 +17,8 @@ from sb3_piano.callbacks import ActionSearchCallback, F1Callback
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies.values import critic_values
-from sb3_piano.wrappers import PreviousActionReward
+from sb3_piano.vec_env import HandsAsAgents
+from sb3_piano.wrappers import HandActions, HandReward, PreviousActionReward
 
 TUNE = score_of((0.1, 0.4, 60, 0), (0.4, 0.8, 62, 1))
 
@@ -127,6 +128,47 @@ def test_with_simulation_the_action_that_earns_most_is_taken_and_the_environment
 
     search = ActionSearchCallback(candidates=40, score="simulation", choice="greedy")
     looked_at(search, look, gamma=0.8)
+
+
+def test_hands_that_are_agents_are_judged_alone_by_critics_and_together_by_simulation():
+    def both_hands():
+        options = {"physics": "fast", "observation": "hands", "reduced_action_space": False}
+        return HandReward(HandActions(PianoEnv(TUNE, **options)))
+
+    def look(model):
+        envs = model.get_env().unwrapped.envs
+        policy, state = model.policy, torch.get_rng_state()
+        played = explored(model)
+        torch.set_rng_state(state)
+        policy.actor(torch.as_tensor(model._last_obs))  # what SB3 draws first
+        for slot, env in enumerate(envs):
+            rows = slice(2 * slot, 2 * slot + 2)
+            seen, _ = policy.obs_to_tensor(model._last_obs[rows])
+            with torch.no_grad():
+                mean, log_std, _ = policy.actor.get_action_dist_params(seen)
+                noise = torch.randn(6, *mean.shape)
+                noise[0] = 0
+                actions = torch.tanh(mean + 2 * log_std.exp() * noise)
+                if search._score == "critics":
+                    values = [critic_values(policy, seen, each).mean(dim=1) for each in actions]
+                    chosen = torch.stack(values).argmax(dim=0)
+                else:
+                    worths = [worth(model, env, each.numpy()) for each in actions]
+                    chosen = torch.full((2,), int(np.argmax(worths)))
+            expected = torch.stack([actions[chosen[hand], hand] for hand in range(2)])
+            np.testing.assert_allclose(played[rows], expected, atol=1e-6)
+
+    def worth(model, env, actions):
+        observation, reward, *_ = copy.deepcopy(env).step(actions.reshape(-1))
+        seen, _ = model.policy.obs_to_tensor(observation.reshape(2, -1))
+        with torch.no_grad():
+            ahead = critic_values(model.policy, seen, model.policy.actor(seen, True)).mean()
+        return reward + model.gamma * float(ahead)
+
+    for score in ("critics", "simulation"):
+        search = ActionSearchCallback(candidates=6, score=score, choice="greedy", optimism=0)
+        env = HandsAsAgents(DummyVecEnv([both_hands, both_hands]))
+        learner(env).learn(4 * 8, callback=[search, looking(look, at=5)])
 
 
 def test_nothing_is_expected_after_the_last_control_step():

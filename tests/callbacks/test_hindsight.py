@@ -10,7 +10,7 @@ from scripted import tiny, tiny_ppo
 from stable_baselines3 import DQN, SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import NormalActionNoise
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
 from yaml_rows import Tables
 
 from sb3_piano.callbacks import HindsightCallback
@@ -170,6 +170,27 @@ def test_the_roll_of_a_score_by_steps_is_what_was_played():
         np.testing.assert_array_equal(roll.sustain[:shown], pedal[:shown])
         begins = keys[:shown] & ~np.vstack([np.zeros((1, 88), dtype=bool), keys[: shown - 1]])
         np.testing.assert_array_equal(roll.finger[:shown][begins], fingers[:shown][begins])
+
+
+def test_where_hands_are_agents_each_has_its_part_of_a_relabelled_episode():
+    def one(**options):
+        hands = piano(observation="hands", reduced_action_space=False, **options)
+        return Held(HandActions(HandReward(Played(hands), guidance=1.0), reach=3.0))
+
+    performances = Performances()
+    model = collecting(HandsAsAgents(DummyVecEnv([one])))
+    model.learn(2 * 40, callback=[HindsightCallback(), performances], log_interval=10**6)
+    played, found = performances.found[0][1], rows(model)  # both hands end with the same
+    steps, other = len(played), one(trim_silence=False)
+    observation, _ = other.reset(options={"score": played.to_score(by_steps=True)})
+    count = min(steps, len(other.unwrapped.roll))
+    for row in range(steps, steps + count):
+        assert (found["observations"][row] == observation.reshape(2, -1)).all()
+        observation, *_, info = other.step(found["actions"][row].reshape(-1))
+        assert (found["next_observations"][row] == observation.reshape(2, -1)).all()
+        assert (found["rewards"][row] == np.float32(info["hand_rewards"])).all()
+    assert (found["dones"][steps + count - 1] == 1).all()
+    assert other.unwrapped.performance.metrics()["f1"] == 1.0
 
 
 @pytest.mark.parametrize("goal_time", ["beginning", "end"])
@@ -434,12 +455,20 @@ class Corrected(Residual):
         return self.unwrapped.rest_action.copy()
 
 
-def hands_as_agents():
-    def env():
-        options = {"observation": "hands", "reduced_action_space": False}
-        return HandActions(HandReward(piano(**options)))
+class HalfSeen(VecEnvWrapper):
+    """Show the first half of what there is to see."""
 
-    return HandsAsAgents(DummyVecEnv([env]))
+    def __init__(self, venv):
+        half = venv.observation_space.shape[0] // 2
+        super().__init__(venv, gym.spaces.Box(-np.inf, np.inf, (half,), np.float32))
+        self._half = half
+
+    def reset(self):
+        return self.venv.reset()[:, : self._half]
+
+    def step_wait(self):
+        observations, *rest = self.venv.step_wait()
+        return observations[:, : self._half], *rest
 
 
 NO_LIMITS = {"handle_timeout_termination": False}
@@ -453,7 +482,7 @@ REFUSED = {
     ),
     "random": lambda: collecting([lambda: piano(randomize_hand_positions=True)]),
     "corrected": lambda: collecting([lambda: Corrected(piano())]),
-    "hands as agents": lambda: collecting(hands_as_agents()),
+    "other space": lambda: collecting(HalfSeen(DummyVecEnv([piano]))),
 }
 
 

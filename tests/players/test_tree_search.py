@@ -15,6 +15,7 @@ from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedE
 from sb3_piano.players import PlayerResidual, TreeSearch, TreeSettings
 from sb3_piano.players.tree_search import PianoWorld, moment_of
 from sb3_piano.training import OpenPlayer, evaluate, load_config, play_run, train
+from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers import HandActions, HandReward, PreviousActionReward
 
 TUNE = score_of((0.1, 0.4, 60, 0), (0.4, 0.7, 62, 1), (0.7, 0.9, 60, 0), title="tune")
@@ -197,6 +198,49 @@ def test_several_environments_and_normalized_ones_are_searched():
     raw = venv.unnormalize_obs(observations)[0]
     mode = model.predict(observations[0], deterministic=True)[0]
     np.testing.assert_allclose(values.judge(raw)[1], mode, atol=1e-4)
+
+
+def both_hands():
+    options = {"physics": "fast", "observation": "hands", "reduced_action_space": False}
+    return HandReward(HandActions(PianoEnv(TUNE, **options)))
+
+
+def test_where_hands_are_agents_a_step_is_that_of_both():
+    venv = VecNormalize(HandsAsAgents(DummyVecEnv([both_hands, both_hands])), norm_reward=False)
+    model = untrained(venv, TD3)
+    venv.seed(0)
+    observations = venv.reset()
+    for _ in range(3):
+        observations, *_ = venv.step(np.stack([venv.action_space.sample() for _ in range(4)]))
+    venv.training = False
+    own, _ = model.predict(observations, deterministic=True)
+    alone = TreeSearch(model, venv, TreeSettings(simulations=1, depth=1))
+    actions, state = alone.predict(observations, episode_start=np.zeros(4, dtype=bool))
+    np.testing.assert_allclose(actions, own, atol=1e-5)  # the policy's own is tried first
+    assert state.tolist() == [4, 4]
+    with torch.no_grad():
+        seen, played = torch.as_tensor(observations[:2]), torch.as_tensor(own[:2])
+        values = torch.cat(model.critic(seen, played), dim=1)
+    both = venv.unnormalize_obs(observations[:2]).reshape(-1)
+    assert alone._values.judge(both)[0] == pytest.approx(float(values.mean()), abs=1e-4)
+
+    def earned(player):
+        venv.seed(0)
+        observations, state, total, done = venv.reset(), None, 0.0, False
+        while not done:
+            actions, state = player.predict(observations, state, deterministic=True)
+            observations, rewards, dones, _ = venv.step(actions)
+            total, done = total + float(rewards.sum()), dones.any()
+        return total
+
+    assert earned(TreeSearch(model, venv, TreeSettings(simulations=30, depth=2))) > earned(model)
+    with pytest.raises(
+        ConfigError, match="There are 2 observations: expected 4, one for each hand"
+    ):
+        alone.predict(observations[:2])
+    inside = HandsAsAgents(VecNormalize(DummyVecEnv([both_hands])))
+    with pytest.raises(ConfigError, match="VecNormalize around the environments: .* all others"):
+        TreeSearch(untrained(inside), inside)
 
 
 def test_what_cannot_be_searched_is_refused():

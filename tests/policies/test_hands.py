@@ -1,10 +1,11 @@
-"""Policies in which one network plays every hand, under stock SAC, TD3 and PPO."""
+"""Policies in which one network plays every hand, under stock SAC, TD3, TQC and PPO."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 from gymnasium.envs.registration import EnvSpec
+from sb3_contrib import TQC
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
 from torch import nn
@@ -14,6 +15,7 @@ from sb3_piano.policies import (
     HandsActorCriticPolicy,
     HandsSACPolicy,
     HandsTD3Policy,
+    HandsTQCPolicy,
     RegularizedTD3Policy,
     hand_weights,
     load_hand_weights,
@@ -23,12 +25,18 @@ from sb3_piano.policies.hand_network import CLIP, HandHead, Standardize
 from sb3_piano.training import load_config, train
 
 N, M = 12, 4
-MODELS = {"sac": SAC, "td3": TD3, "ppo": PPO}
-POLICIES = {"sac": HandsSACPolicy, "td3": HandsTD3Policy, "ppo": HandsActorCriticPolicy}
+MODELS = {"sac": SAC, "td3": TD3, "tqc": TQC, "ppo": PPO}
+POLICIES = {
+    "sac": HandsSACPolicy,
+    "td3": HandsTD3Policy,
+    "tqc": HandsTQCPolicy,
+    "ppo": HandsActorCriticPolicy,
+}
 COLLECTING = {"learning_starts": 20, "buffer_size": 500}
 NOISE = NormalActionNoise(np.zeros(2 * M), np.full(2 * M, 0.1))
 OF_ALGORITHM = {
     "sac": COLLECTING,
+    "tqc": COLLECTING,
     "td3": {**COLLECTING, "action_noise": NOISE},
     "ppo": {"n_steps": 64, "batch_size": 32},
 }
@@ -84,7 +92,7 @@ def weights(seed=0):
     }
 
 
-def test_the_same_weights_act_alike_in_all_three():
+def test_the_same_weights_act_alike_in_all_algorithms():
     models = [make(name) for name in MODELS]
     for model in models:
         assert np.abs(acted(model)).max() < 0.1  # small at first
@@ -133,7 +141,7 @@ def test_all_networks_see_standardised_observations(name):
     mean, std = np.linspace(-3, 3, N), np.linspace(0, 2, N)
     set_standardization(model.policy, mean, std)
     extractors = [part for part in model.policy.modules() if isinstance(part, Standardize)]
-    assert len(extractors) == {"sac": 3, "td3": 4, "ppo": 1}[name]
+    assert len(extractors) == {"sac": 3, "td3": 4, "tqc": 3, "ppo": 1}[name]
     seen = 20 * observations()
     wanted = (seen.reshape(-1, 2, N) - mean) / np.where(std == 0, 1, std)
     assert np.abs(wanted).max() > CLIP

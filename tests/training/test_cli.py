@@ -114,7 +114,7 @@ def test_presets_and_environments_are_listed_with_what_they_are_for(capsys):
     assert main(["presets"]) == 0
     files = [file for of_set in (PRESETS, *NAMED.values(), FINE_TUNING) for file in of_set.values()]
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == [str(path) for path in files]
+    assert [line.split()[0] for line in lines] == [*dict.fromkeys(map(str, files))]
     assert lines[0].endswith("  CrossQ for the piano environments")
     assert main(["envs"]) == 0
     listed = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
@@ -129,6 +129,8 @@ def test_a_list_is_cut_to_what_has_a_text(capsys):
     assert listed == [env_id for env_id in ENV_IDS if "scale-C" in env_id] != []
     assert main(["presets", "fsat"]) == 2
     assert "Nothing has 'fsat' in its name" in capsys.readouterr().err
+    assert main(["presets", "fsat", "--zoo", "sac"]) == 2
+    assert "Unknown preset 'fsat'. Did you mean 'fast'?" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", COMMANDS)

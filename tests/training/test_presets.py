@@ -24,6 +24,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.training import evaluate, load_config, train
+from sb3_piano.training.configuration.entries import zoo_preset
 from sb3_piano.training.playing.player_files import write_player
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.vec_env import HandsAsAgents
@@ -58,6 +59,7 @@ def distinct_ids(algo):
 
 ENTRIES = [(algo, env_id) for algo in PRESETS for env_id in distinct_ids(algo)]
 TWO_HANDS = "RoboPianist-debug-CMajorScaleTwoHands-v0"
+FAST = [("fast", algo) for algo in NAMED["fast"]]
 OURS = ("batched", "fast")
 PUBLISHED = [(name, algo) for name, files in NAMED.items() if name not in OURS for algo in files]
 CELLS = Path(__file__).parents[2] / "examples" / "sac_vs_td3"
@@ -157,7 +159,7 @@ def test_the_variants_of_an_algorithm_have_its_settings_where_both_have_them():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "algo", "env_id"),
-    [*((None, *entry) for entry in ENTRIES), *((*each, TWO_HANDS) for each in PUBLISHED)],
+    [*((None, *entry) for entry in ENTRIES), *((*each, TWO_HANDS) for each in [*FAST, *PUBLISHED])],
 )
 def test_a_preset_trains(name, algo, env_id):
     alone = {} if name is None else {"n_envs": 1}
@@ -172,7 +174,7 @@ def test_a_preset_trains(name, algo, env_id):
     assert all(np.isfinite(value) for value in learned.values()), learned
     if isinstance(model, OffPolicyAlgorithm):
         assert isinstance(model.replay_buffer, CompactReplayBuffer)
-        assert model.replay_buffer.size() == STEPS
+        assert model.replay_buffer.size() == STEPS // model.n_envs
     else:
         assert algo == "ppo"
 
@@ -242,11 +244,13 @@ def test_the_study_of_sac_and_td3_is_that_of_its_cells(algo):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "algo"), [("fast", "sac"), *PUBLISHED])
+@pytest.mark.parametrize(("name", "algo"), [*FAST, *PUBLISHED])
 def test_named_presets_train_in_the_stock_zoo(name, algo, tmp_path):
+    file = tmp_path / "zoo.yml"
+    file.write_text(zoo_preset(algo, name))
     manager = pytest.importorskip("rl_zoo3.exp_manager").ExperimentManager(
         argparse.Namespace(), algo, TWO_HANDS, str(tmp_path), n_timesteps=32, eval_freq=-1, seed=0,
-        verbose=0, device="cpu", config=str(NAMED[name][algo]),
+        verbose=0, device="cpu", config=str(file),
         hyperparams={**BRIEF[algo], "n_envs": 1},
     )  # fmt: skip
     model, _ = manager.setup_experiment()
@@ -260,12 +264,12 @@ def test_named_presets_train_in_the_stock_zoo(name, algo, tmp_path):
 
 
 def test_the_name_stands_for_the_file():
-    assert list(NAMED["fast"]) == ["sac"]
+    assert list(NAMED["fast"]) == ["sac", "td3", "tqc"]
     config = load_config("sac", "RoboPianist-v0", "fast", seed=0)
     assert config == load_config("sac", "RoboPianist-v0", NAMED["fast"]["sac"], seed=0)
     assert config != load_config("sac", "RoboPianist-v0", PRESETS["sac"], seed=0)
-    with pytest.raises(ConfigError, match="No preset 'fast' comes with this package for 'td3'"):
-        load_config("td3", "RoboPianist-v0", "fast")
+    with pytest.raises(ConfigError, match="No preset 'fast' comes with this package for 'ddpg'"):
+        load_config("ddpg", "RoboPianist-v0", "fast")
     with pytest.raises(ConfigError, match=r"no preset of that name.* Did you mean 'fast'\?"):
         load_config("sac", "RoboPianist-v0", "fest")
 

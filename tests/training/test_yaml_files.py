@@ -39,6 +39,27 @@ def test_default_stands_for_all_other_environments(tmp_path):
     assert load_config("sac", "MountainCarContinuous-v0", path).n_timesteps == 5
 
 
+def test_a_file_may_have_settings_for_several_algorithms_each(tmp_path):
+    path = tmp_path / "a.yml"
+    path.write_text("""
+default:
+  n_timesteps: 5
+  gamma: 0.9
+  policy_kwargs: {net_arch: [8]}
+  algorithms:
+    td3: {policy_delay: 3, gamma: 0.8}
+    sac: {policy_kwargs: {log_std_init: -1}}
+""")
+    arguments = load_config("td3", "Pendulum-v1", path).algorithm_kwargs
+    shared = {"policy_kwargs": {"net_arch": [8]}, "gamma": 0.8}
+    assert arguments == {**shared, "policy_delay": 3}
+    arguments = load_config("sac", "Pendulum-v1", path, gamma=0.7).algorithm_kwargs
+    shared = {"net_arch": [8], "log_std_init": -1}
+    assert arguments == {"policy_kwargs": shared, "gamma": 0.7}
+    with pytest.raises(ConfigError, match=r"'default': .*algorithm of this file 'ddpg'.* td3, sac"):
+        load_config("ddpg", "Pendulum-v1", path)
+
+
 def test_overrides_replace_keys_and_env_kwargs_are_added_and_wrong_ones_are_named():
     changes = {"n_timesteps": 50, "gamma": "0.5", "seed": 0}
     given = {"max_episode_steps": 9, "g": 5.0}

@@ -11,13 +11,14 @@ from typing import Any
 import gymnasium as gym
 
 import sb3_piano.wrappers
+from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError, naming
 from sb3_piano.files import dump_yaml, write_text
 from sb3_piano.imports import full_name, import_name, is_dotted
 from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import parse_plugins
 from sb3_piano.training.configuration.values import coerce_mapping
-from sb3_piano.training.configuration.yaml_files import entry_config
+from sb3_piano.training.configuration.yaml_files import entry_config, load_entry
 
 _WRAPPERS = "env_wrapper"
 _EVALUATED = ("policy_kwargs", "replay_buffer_class", "replay_buffer_kwargs")
@@ -147,10 +148,20 @@ def write_entry(
     if left_out:
         pairs = ", ".join(f"{name}: {value}" for name, value in left_out.items())
         lines.append(f"Left out, as RL Zoo has no such key: {pairs}.")
+    head = "".join(f"# {' '.join(line.splitlines())}\n" for line in lines)
+    write_text(file, head + _zoo_text({registered_id(env_id)[1]: written}))
+
+
+def zoo_preset(algo: str, name: str) -> str:
+    """Return the ``default`` entry of a named preset as the text of a file for stock RL Zoo."""
+    entry = load_entry(algo, GENERAL_ID, name)
+    return _zoo_text({"default": zoo_entry(algo, GENERAL_ID, entry)[0]})
+
+
+def _zoo_text(entries: Mapping[str, Any]) -> str:
     # Without a flow style, each list is written on one line.
     style: dict[str, Any] = {"default_flow_style": None, "width": 100, "allow_unicode": True}
-    text = dump_yaml({registered_id(env_id)[1]: written}, **style)
-    write_text(file, "".join(f"# {' '.join(line.splitlines())}\n" for line in lines) + text)
+    return dump_yaml(entries, **style)
 
 
 def _zoo_form(name: str, value: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import Any
 
 from sb3_piano.exceptions import ConfigError, naming, near_names
 from sb3_piano.hyperparams import NAMED, PRESETS
+from sb3_piano.settings import refuse_unknown
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
@@ -29,7 +30,8 @@ def load_config(
 
     The file has one entry per environment id; ``default`` is for all others. The keys are RL Zoo's:
     settings of the run (fields of :class:`RunConfig`), and all others are arguments of the
-    algorithm's constructor.
+    algorithm's constructor. ``algorithms`` may hold settings for one algorithm each, which replace
+    the entry's or are added to them (``env_kwargs``, ``policy_kwargs``).
 
     Args:
         algo: Name of the algorithm.
@@ -95,7 +97,7 @@ def _loaded(
     entry_name, found = _entry_of(file, name)
     given = f" with {', '.join(overrides)} replaced" if overrides else ""
     with naming(f"'{file}', entry {entry_name!r}{given}"):
-        entry = merged(found, overrides)
+        entry = merged(_of_algorithm(found, algo), overrides)
         config = entry_config(algo, env_id, entry)
     return entry, config
 
@@ -135,7 +137,19 @@ def _entry_of(file: Path, name: str) -> tuple[str, Any]:
     return entry_name, entries[entry_name]
 
 
-def merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
+def _of_algorithm(entry: Any, algo: str) -> Any:
+    """Return an entry with its settings for one of several algorithms, if it has such."""
+    if not isinstance(entry, Mapping) or "algorithms" not in entry:
+        return entry
+    own, shared = parted(entry, ["algorithms"])
+    of_each = coerce_mapping(own["algorithms"], "algorithms")
+    refuse_unknown([algo], of_each, "algorithm of this file")
+    return merged(shared, of_each[algo], ("env_kwargs", "policy_kwargs"))
+
+
+def merged(
+    entry: Any, overrides: Mapping[str, Any], by_option: Collection[str] = ("env_kwargs",)
+) -> dict[str, Any]:
     """Return an entry with overridden keys; ``env_kwargs`` are merged option by option.
 
     Raises:
@@ -144,9 +158,10 @@ def merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(entry, Mapping):
         raise ConfigError(f"It holds {entry!r}: expected a mapping of hyperparameters.")
     both = {**entry, **overrides}
-    if "env_kwargs" in entry and "env_kwargs" in overrides:
-        options = [coerce_mapping(e["env_kwargs"], "env_kwargs") for e in (entry, overrides)]
-        both["env_kwargs"] = options[0] | options[1]
+    for name in by_option:
+        if name in entry and name in overrides:
+            options = [coerce_mapping(e[name], name) for e in (entry, overrides)]
+            both[name] = options[0] | options[1]
     return both
 
 

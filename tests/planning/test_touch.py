@@ -32,7 +32,7 @@ def played(score, **settings):
         observation, _, _, over, info = env.step(action)
     found = env.performance
     assert len(found.presses.key) == len(score.notes), "each note is struck once"
-    return [velocity_of(speed) for speed in found.strike_speed], info["f1"]
+    return list(map(velocity_of, found.strike_speed, found.presses.key)), info["f1"]
 
 
 def test_strikes_are_as_loud_as_asked():

@@ -154,7 +154,7 @@ export class PianoSound {
     const before = this.voices.get(key) ?? this.held.get(key);
     if (before !== undefined) this.damp(before, at);
     this.held.delete(key);
-    const loudness = Math.max(SOFTEST, Math.min(1, velocityOf(speed) / FULL_VELOCITY) ** 2);
+    const loudness = Math.max(SOFTEST, Math.min(1, velocityOf(speed, key) / FULL_VELOCITY) ** 2);
     const voice = this.sampled ? this.sampleVoice(key, loudness, at) : this.toneVoice(key, loudness, at);
     this.voices.set(key, voice);
     voice.source.onended = () => {

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from sb3_piano.arrays import FloatArray, IntArray
+from sb3_piano.music.constants import THUMB
 from sb3_piano.planning.plan import Plan
 from sb3_piano.planning.roll_outs import Way
 
@@ -18,6 +19,8 @@ _SHAPE = np.array([[0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
 """Two changes of a fingertip's height, by control step: before the strike, and in it."""
 _LEAD = 2
 """Control steps by which they begin before the strike."""
+_WRIST = 0.3
+"""Share of the wrist in changes for thumbs, whose own joints reach their limits in strikes."""
 _LOUDER = np.array([0.4e-3, -0.3e-3])
 """Sizes of both for a strike louder by a MIDI velocity of 1, m."""
 _TRUST = np.square(2e-3)
@@ -30,7 +33,7 @@ _SIZES = (0.4, 1.0, 2.0)
 
 
 class Touches:
-    """Changes around the k strikes of a plan, by the joints that move no other finger."""
+    """Changes around the k strikes of a plan, by joints that move no other finger, and wrists."""
 
     def __init__(self, plan: Plan) -> None:
         strikes: list[tuple[int, int, int, FloatArray]] = []
@@ -39,12 +42,14 @@ class Touches:
             kinematics = hand.task.hand.kinematics
             _, slopes = kinematics.fingertips_and_jacobian(hand.positions[:-1])
             moves = (slopes != 0).any(axis=(0, 2))
-            up = slopes[:, :, _UP] * (moves & (moves.sum(axis=0) == 1))  # (T, f, n)
+            share = (moves & (moves.sum(axis=0) == 1)).astype(float)  # (f, n)
+            share[THUMB] += _WRIST * np.array([role == "wrist" for role in kinematics.roles])
             for one in hand.task.presses:
                 if one.press.velocity:
-                    row = up[one.first - 1, one.press.finger]
+                    up = slopes[one.first - 1, one.press.finger, _UP]
+                    row = share[one.press.finger] * up
                     change = np.zeros(plan.commands.shape[1])
-                    change[begin : begin + len(row)] = row / max(float(row @ row), 1e-12)
+                    change[begin : begin + len(row)] = row / max(float(row @ up), 1e-12)
                     strikes.append((one.first - 1, one.press.key, index, change))
             begin += kinematics.size
         strikes.sort(key=lambda strike: strike[0])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from sb3_piano.arrays import FloatArray, IntArray
-from sb3_piano.music.constants import THUMB
 from sb3_piano.planning.plan import Plan
 from sb3_piano.planning.roll_outs import Way
 
@@ -19,8 +18,8 @@ _SHAPE = np.array([[0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
 """Two changes of a fingertip's height, by control step: before the strike, and in it."""
 _LEAD = 2
 """Control steps by which they begin before the strike."""
-_WRIST = 0.3
-"""Share of the wrist in changes for thumbs, whose own joints reach their limits in strikes."""
+_WRIST = 0.1
+"""Share of the wrist, which moves fingers that are bent down and hardly move up by themselves."""
 _LOUDER = np.array([0.4e-3, -0.3e-3])
 """Sizes of both for a strike louder by a MIDI velocity of 1, m."""
 _TRUST = np.square(2e-3)
@@ -43,7 +42,7 @@ class Touches:
             _, slopes = kinematics.fingertips_and_jacobian(hand.positions[:-1])
             moves = (slopes != 0).any(axis=(0, 2))
             share = (moves & (moves.sum(axis=0) == 1)).astype(float)  # (f, n)
-            share[THUMB] += _WRIST * np.array([role == "wrist" for role in kinematics.roles])
+            share += _WRIST * np.array([role == "wrist" for role in kinematics.roles])
             for one in hand.task.presses:
                 if one.press.velocity:
                     up = slopes[one.first - 1, one.press.finger, _UP]

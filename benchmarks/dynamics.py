@@ -66,7 +66,8 @@ def velocities(played: Performance) -> tuple[FloatArray, FloatArray]:
     roll = played.roll
     due = Onsets(roll.onset_time, np.nonzero(roll.onset)[1])
     pairs = np.asarray(match_onsets(due, Onsets(played.strike_time, played.presses.key)))
-    struck = [velocity_of(speed) for speed in played.strike_speed[pairs[:, 1]].tolist()]
+    speeds, keys = played.strike_speed[pairs[:, 1]], played.presses.key[pairs[:, 1]]
+    struck = list(map(velocity_of, speeds.tolist(), keys.tolist()))
     return roll.onset_velocity[pairs[:, 0]].astype(float), np.array(struck, dtype=float)
 
 

@@ -127,8 +127,8 @@ class Performance:
         fingers = self.press_finger[presses.first, presses.key].tolist()
         speeds = np.full(len(fingers), np.nan) if by_steps else self.strike_speed
         velocities = [
-            DEFAULT_VELOCITY if math.isnan(speed) else velocity_of(speed)
-            for speed in speeds.tolist()
+            DEFAULT_VELOCITY if math.isnan(speed) else velocity_of(speed, key)
+            for speed, key in zip(speeds.tolist(), presses.key.tolist(), strict=True)
         ]
         notes = [
             Note(

@@ -181,7 +181,7 @@ def as_loud(roll: PianoRoll, step: int, simulation: Simulation, key: int) -> flo
     moved = strike_speeds(angles, angles[:, 1:] >= scene.key_sounding_angle)[0, key]
     # A strike in time is at most a control step beside the first one of its note.
     due = int(roll.velocity[max(step - 1, 0) : step + 2, key].max())
-    away = abs(due - velocity_of(moved.item() / scene.model.opt.timestep))
+    away = abs(due - velocity_of(moved.item() / scene.model.opt.timestep, key))
     return max(1.0 - away / _UNLIKE, 0.0)
 
 

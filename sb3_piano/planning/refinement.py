@@ -49,6 +49,8 @@ _HURRY = 1
 
 _TOUCH_STEPS, _TOUCH_TAKEN, _TOUCH_ROUNDS = 5, 2, 4
 """In the pass for dynamics: simulated control steps, those of them that are played, most rounds."""
+_SILENT = 99.0
+"""Difference from a note's velocity that a silent key stands for."""
 _TOLERANCE = 3.0
 """Difference from a note's velocity from which on that pass searches."""
 
@@ -222,22 +224,28 @@ class Refinement:
             ways = [touches.way(place.followed, place.step, steps, which, one) for one in options]
             found = self._tried(place, ways)
             wrong = (found.mistakes > 0) | (np.abs(found.missing) > _TOLERANCE).any(axis=(1, 2))
-            columns = (options, found.cost, found.missing, found.ways, wrong.tolist())
+            short = [touches.short(which, place.step, one) for one in found.missing]
+            columns = (options, found.cost, short, found.ways, wrong.tolist())
             return [_Touched(*row) for row in zip(*columns, strict=True)]
 
         (best,) = tried([np.zeros((len(which), 2))])
-        finalists = [(float(best.cost.sum()), best.way)]
+        finalists, every = [(float(best.cost.sum()), best.way)], [best]
         for _ in range(_TOUCH_ROUNDS):
             if not (best.wrong and len(which)):
                 break
-            drawn = touches.drawn(best.heights, which, place.step, best.missing, random)
-            found, joined = tried(drawn), best.heights.copy()
+            heights, short = [one.heights for one in every], [one.short for one in every]
+            found = [best, *tried(touches.drawn(heights, short, random))]
+            of_hands, of_strikes = best.heights.copy(), best.heights.copy()
             for hand in range(len(best.cost)):
                 own = touches.hand[which] == hand
-                costs = [float(one.cost[hand]) for one in (best, *found)]
-                joined[own] = (best, *found)[int(np.argmin(costs))].heights[own]
-            found += [best, *tried([joined])]
+                costs = [float(one.cost[hand]) for one in found]
+                of_hands[own] = found[int(np.argmin(costs))].heights[own]
+            away = np.abs([np.where(one.short == 0, _SILENT, one.short) for one in found])
+            for strike, one in enumerate(away.argmin(axis=0).tolist()):
+                of_strikes[strike] = found[one].heights[strike]
+            found += tried([of_hands, of_strikes])
             best = min(found, key=lambda one: float(one.cost.sum()))
+            every += [*found, best]
             finalists.append((float(best.cost.sum()), best.way))
         return self._final(place, finalists)
 
@@ -334,8 +342,8 @@ class _Touched(NamedTuple):
     """(k, 2) its heights, m; see :class:`Touches`."""
     cost: FloatArray
     """(h,) cost of each hand."""
-    missing: FloatArray
-    """(s, 88) MIDI velocities by which strikes are too soft."""
+    short: FloatArray
+    """(k,) MIDI velocities by which the strikes are too soft; 0 for silent ones."""
     way: Way
     """The simulated motion."""
     wrong: bool

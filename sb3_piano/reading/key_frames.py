@@ -25,9 +25,9 @@ _HOVER_STATES = 8  # number of states in which a finger hovers over its next key
 _REACH = 0.06  # distance of a hand from a key within which a finger moves towards it, m
 
 # Depths of a key: two states before it is down; one state before, pressed but not yet sounding; one
-# state before after a leap, with less time; between two strikes by the same finger without a state
-# between; one state after it was down; the same before a leap.
-_LIFT_DEPTH, _READY_DEPTH, _LEAP_READY_DEPTH = -0.5, 0.6, -0.2
+# state before after a leap, with less time, for a loud and a soft note; between two strikes by the
+# same finger without a state between; one state after it was down; the same before a leap.
+_LIFT_DEPTH, _READY_DEPTH, _LEAP_READY_DEPTH, _SOFT_LEAP_READY_DEPTH = -0.5, 0.6, -0.2, 0.3
 _REPEAT_DEPTH, _RELEASE_DEPTH, _LEAP_RELEASE_DEPTH = 0.45, 0.2, -1.2
 
 # Weights along x, y and z, per m, relative to about 0.01 per rad of posture. Black keys weigh more
@@ -70,6 +70,7 @@ def key_frames(
     keys: KeyPlaces,
     hover: float = HOVER,
     hold_depth: float = HOLD_DEPTH,
+    soft: int = 0,
 ) -> KeyFrames:
     """Compute the fingertips' targets from a hand's presses.
 
@@ -81,6 +82,7 @@ def key_frames(
         keys: The keyboard.
         hover: Value in place of :data:`HOVER`.
         hold_depth: Value in place of :data:`HOLD_DEPTH`.
+        soft: MIDI velocity below which a finger is in its key early, also after a leap.
     """
     shape = (n_states, len(radius))
     vectors, flags = (np.zeros((2, *shape, 3)), np.zeros((2, *shape), dtype=bool))
@@ -103,7 +105,7 @@ def key_frames(
         ]
         x = press_x(key, finger, mixed)
         full = _WEIGHT_BLACK if KEY_IS_BLACK[key] else _WEIGHT
-        for state, level, depth, above, share in _targets(one, free, hover, hold_depth):
+        for state, level, depth, above, share in _targets(one, free, hover, hold_depth, soft):
             if 0 < state < n_states and level >= rank[state, finger]:
                 height = keys.height(key, x, depth) + float(radius[finger]) + above
                 frames.target[state, finger] = x, keys.y[key], height
@@ -116,7 +118,7 @@ def key_frames(
 
 
 def _targets(
-    one: TimedPress, free: Sequence[int], hover: float, hold_depth: float
+    one: TimedPress, free: Sequence[int], hover: float, hold_depth: float, soft: int
 ) -> Iterator[tuple[int, int, float, float, FloatArray | float]]:
     """Yield the targets of a finger's approach to a key in ``free`` states, its hold and release.
 
@@ -130,7 +132,8 @@ def _targets(
             yield state, _HOVER, 0.0, hover, max(_LEAST_HOVER_SHARE, near**3)
         else:
             yield state, _LIFT, _LIFT_DEPTH, 0.0, _LIFT_SHARE
-    yield strike, _READY, _LEAP_READY_DEPTH if one.leapt else _READY_DEPTH, 0.0, _READY_SHARE
+    leap = _SOFT_LEAP_READY_DEPTH if one.press.velocity < soft else _LEAP_READY_DEPTH
+    yield strike, _READY, leap if one.leapt else _READY_DEPTH, 0.0, _READY_SHARE
     for state in range(one.first, one.last + 1):
         yield state, _HOLD, hold_depth, 0.0, 1.0
     depth = _LEAP_RELEASE_DEPTH if one.leaps else _RELEASE_DEPTH

@@ -99,7 +99,8 @@ def test_strikes_in_time_pay_by_how_near_their_loudness_is_to_the_notes(twinkle)
     strikes = Onsets(performance.strike_time, performance.presses.key)
     pairs = np.asarray(match_onsets(target, strikes))
     due = roll.onset_velocity[pairs[:, 0]]
-    struck = [velocity_of(speed) for speed in performance.strike_speed[pairs[:, 1]]]
+    keys = performance.presses.key[pairs[:, 1]]
+    struck = list(map(velocity_of, performance.strike_speed[pairs[:, 1]], keys))
     worth = np.maximum(1 - np.abs(np.subtract(due, struck, dtype=float)) / 30, 0)
     assert 0 < worth.sum() < len(pairs)
     assert sum(paid) == pytest.approx(worth.sum())

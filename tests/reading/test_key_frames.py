@@ -104,3 +104,13 @@ def test_a_finger_goes_to_its_next_key_only_after_the_one_before():
     alone, both = frames_of([one]), frames_of([one, other])
     np.testing.assert_array_equal(both.target[:11, 0], alone.target[:11, 0])
     assert (both.target[11:15, 0, 1] > alone.target[9, 0, 1]).all()
+
+
+@pytest.mark.parametrize(("velocity", "early"), [(40, True), (64, True), (65, False), (90, False)])
+def test_a_finger_is_in_the_key_of_a_soft_note_early_also_after_a_leap(velocity, early):
+    leapt = TimedPress(Press(C4, 1, 20, 24, velocity=velocity), 20, 24, leapt=True)
+    as_usual = frames_of([leapt])
+    soft = key_frames([leapt], 1, 40, RADIUS, KEYS, soft=65)
+    assert (soft.target[19, 1, 2] < as_usual.target[19, 1, 2]) == early
+    after = np.arange(40) != 19
+    np.testing.assert_array_equal(soft.target[after], as_usual.target[after])

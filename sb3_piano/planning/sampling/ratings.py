@@ -8,7 +8,7 @@ from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.metrics import frame_f1
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS, UNKNOWN_FINGER
-from sb3_piano.music.dynamics import AT_ONE, PER_DOUBLING
+from sb3_piano.music.dynamics import AT_ONE, PER_DOUBLING, SOFTEST
 from sb3_piano.planning.plan import Plan
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.simulation import PianoScene
@@ -21,8 +21,8 @@ _LOUDNESS = 0.03
 """Cost of a strike that differs by a MIDI velocity of 1 from its note's."""
 _HEARD = 5
 """Control steps of a continuation in which it counts: later strikes change by chance."""
-_SLOWEST = 0.18
-"""Speed of velocity 1, rad/s."""
+_SLOWEST = 1e-3
+"""Speed below which strikes are equally soft, rad/s."""
 
 
 class HandRating:
@@ -131,6 +131,7 @@ class HandRating:
             return np.zeros_like(speeds)
         asked = self._velocity[step : step + speeds.shape[-2]]
         struck = AT_ONE + PER_DOUBLING * np.log2(np.maximum(speeds, _SLOWEST))
+        struck = np.maximum(struck, SOFTEST)
         return np.where((asked > 0) & (speeds > 0), asked - struck, 0.0)
 
     def _of_keys(

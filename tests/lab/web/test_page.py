@@ -151,11 +151,25 @@ def test_a_link_holds_a_small_file_and_what_was_played_is_kept(dropped, address,
     assert tab.page.locator("#save-midi").is_disabled()
     tab.advance(39)
     kept = {}
-    for button in ("#save-midi", "#save-wav"):
+
+    def keep(button):
         with tab.page.expect_download() as download:
             tab.page.locator(button).click()
         kept[button] = tmp_path / download.value.suggested_filename
         download.value.save_as(kept[button])
+        return kept[button]
+
+    def level():
+        with wave.open(str(keep("#save-wav"))) as sound:
+            samples = np.frombuffer(sound.readframes(sound.getnframes()), dtype="<i2")
+        return np.sqrt(np.mean(np.square(samples, dtype=float)))
+
+    keep("#save-midi")
+    as_struck = level()
+    tab.page.locator("#dynamics").uncheck()
+    assert level() != pytest.approx(as_struck, rel=0.05)
+    tab.page.locator("#dynamics").check()
+    assert level() == pytest.approx(as_struck, rel=0.02)
     assert [path.name for path in kept.values()] == [
         "three b - sight-reader.mid",
         "three b - sight-reader.wav",

@@ -14,7 +14,7 @@ const SUSTAIN = 64;
 export function writeMidi(events: readonly KeyEvent[], pedals: readonly Pedal[], end: number): Uint8Array {
   const messages = events.map(({ key, down, time, speed }): [number, number[]] => [
     time,
-    down ? [0x90, key + MIN_PITCH, velocityOf(speed)] : [0x80, key + MIN_PITCH, 0],
+    down ? [0x90, key + MIN_PITCH, velocityOf(speed, key)] : [0x80, key + MIN_PITCH, 0],
   ]);
   const down = new Set<number>();
   for (const event of events) down[event.down ? "add" : "delete"](event.key);

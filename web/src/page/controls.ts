@@ -30,6 +30,7 @@ export function connectControls(app: App, elements: Elements, sound: PianoSound,
   connectSeek(app, elements);
   elements.tempo.addEventListener("input", () => app.setTempo(Number(elements.tempo.value)));
   elements.volume.addEventListener("input", () => (sound.volume = Number(elements.volume.value)));
+  elements.dynamics.addEventListener("change", () => (sound.flat = !elements.dynamics.checked));
   for (const slider of [elements.noise, elements.latency]) {
     slider.addEventListener("input", () => disturb(app, elements));
   }

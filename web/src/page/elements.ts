@@ -27,6 +27,7 @@ export function findElements() {
     tempo: found("tempo", HTMLInputElement),
     tempoText: found("tempo-text", HTMLOutputElement),
     volume: found("volume", HTMLInputElement),
+    dynamics: found("dynamics", HTMLInputElement),
     caption: found("caption", HTMLElement),
     message: found("message", HTMLElement),
     piece: found("piece", HTMLSelectElement),

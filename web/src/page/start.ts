@@ -50,6 +50,7 @@ export async function start(assets: Assets, open: (assets: Assets) => Promise<Ma
   paintLegend(document);
   const sound = new PianoSound(assets);
   sound.volume = Number(elements.volume.value);
+  sound.flat = !elements.dynamics.checked;
   const [library, makeSession, stage] = await Promise.all([Library.open(assets), open(assets), loadStage(assets)]);
   const app = new App({ elements, library, sound, roll: new RollView(elements.roll), makeSession });
   const visitor = new Visitor(

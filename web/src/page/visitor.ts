@@ -28,7 +28,7 @@ export class Visitor implements VisitorListener {
     const session = this.session();
     if (session === null) return;
     const pressed = velocity > 0;
-    this.sound.play({ key, down: pressed, time: 0, speed: speedOf(velocity) }, 0);
+    this.sound.play({ key, down: pressed, time: 0, speed: speedOf(velocity, key) }, 0);
     if (pressed) {
       this.down.set(key, session.stepsPlayed);
       this.released.delete(key);

@@ -4,8 +4,8 @@ import { NUM_KEYS, type KeyEvent, type Piece, type PianoRoll } from "../types";
 import type { Placed, Player } from "./player";
 import { restingControls } from "./visitor";
 
-/** Speed of a struck key, rad/s: what loudness is made of where nothing strikes it. */
-const SPEED = speedOf(80);
+/** Loudness of a key that nothing strikes. */
+const VELOCITY = 80;
 
 /** The piece itself: keys go down exactly as it is written, while the hands rest. */
 export class ScorePlayer implements Player {
@@ -34,12 +34,12 @@ export class ScorePlayer implements Player {
     for (let key = 0; key < NUM_KEYS; key++) {
       const was = step > 0 && active[row - NUM_KEYS + key] === 1;
       if (was && (active[row + key] === 0 || onset[row + key] === 1)) {
-        events.push({ key, down: false, time: step * controlTimestep, speed: SPEED });
+        events.push({ key, down: false, time: step * controlTimestep, speed: 0 });
       }
     }
     while (strikes[this.nextStrike]?.step === step) {
       const { key, time } = strikes[this.nextStrike++]!;
-      events.push({ key, down: true, time, speed: SPEED });
+      events.push({ key, down: true, time, speed: speedOf(VELOCITY, key) });
     }
     this.simulation.placeKeys(active.subarray(row, row + NUM_KEYS));
     return { sounding: this.simulation.sounding, events };

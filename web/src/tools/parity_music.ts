@@ -44,8 +44,8 @@ const ANSWERS: Readonly<Record<string, (request: Request) => unknown>> = {
     return readMusicXml(documentOf(file, files, name) ?? "", name);
   },
   hand: ({ name }) => handOfName(name),
-  velocities: ({ speeds }) => speeds.map(velocityOf),
-  speeds: ({ velocities }) => velocities.map(speedOf),
+  velocities: ({ speeds }) => speeds.map((speed, at) => velocityOf(speed, at % NUM_KEYS)),
+  speeds: ({ velocities }) => velocities.map((velocity, at) => speedOf(velocity, at % NUM_KEYS)),
   costs: () => plain(new CostTables()),
   pianist: (request) => fingerScore(scoreOf(request)),
   robot: (request) => applyFingering(scoreOf(request), request.controlTimestep),

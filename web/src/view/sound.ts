@@ -18,6 +18,8 @@ const SAMPLE_NAMES = ["C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#"
 
 /** MIDI velocity that sounds as loud as the samples were played; half of it is 12 dB softer. */
 const FULL_VELOCITY = 110;
+/** Velocity of all notes where they are equally loud: MIDI's usual one. */
+const FLAT_VELOCITY = 80;
 /** Least loudness. */
 const SOFTEST = 0.04;
 /** Time in which a damper silences a string, s; strings from this pitch on have none. */
@@ -42,6 +44,8 @@ export class PianoSound {
   private readonly held = new Map<number, Voice>();
   private pedal = false;
   private loudness = 0.8;
+  /** Whether all notes are equally loud, whatever was struck. */
+  flat = false;
 
   constructor(private readonly assets: Assets) {}
 
@@ -108,6 +112,7 @@ export class PianoSound {
   async render(events: readonly KeyEvent[], pedals: readonly Pedal[], seconds: number): Promise<AudioBuffer> {
     const context = new OfflineAudioContext(2, Math.ceil((seconds + RINGING) * RATE), RATE);
     const piano = new PianoSound(this.assets);
+    piano.flat = this.flat;
     piano.connect(context);
     if (this.sampled) piano.samples = this.samples;
     else await piano.load();
@@ -154,7 +159,8 @@ export class PianoSound {
     const before = this.voices.get(key) ?? this.held.get(key);
     if (before !== undefined) this.damp(before, at);
     this.held.delete(key);
-    const loudness = Math.max(SOFTEST, Math.min(1, velocityOf(speed) / FULL_VELOCITY) ** 2);
+    const velocity = this.flat ? FLAT_VELOCITY : velocityOf(speed, key);
+    const loudness = Math.max(SOFTEST, Math.min(1, velocity / FULL_VELOCITY) ** 2);
     const voice = this.sampled ? this.sampleVoice(key, loudness, at) : this.toneVoice(key, loudness, at);
     this.voices.set(key, voice);
     voice.source.onended = () => {

@@ -34,6 +34,7 @@ ROOMS = [
     "unfinished",
     "files",
     "arrays",
+    "plain_yaml",
     "array_files",
     "locks",
     "interrupts",

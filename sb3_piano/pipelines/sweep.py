@@ -22,10 +22,10 @@ from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import select_pieces
 from sb3_piano.music.catalogue import is_path
 from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, Nested, settings
 from sb3_piano.training import load_config
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.yaml_files import merged
 
 RESULTS = "results.csv"

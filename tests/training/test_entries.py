@@ -21,7 +21,7 @@ from sb3_piano.training.configuration.entries import (
     write_entry,
     zoo_entry,
 )
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.yaml_files import entry_config
 
 tables = Tables(__file__)

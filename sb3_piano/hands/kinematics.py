@@ -1,7 +1,7 @@
 """Batched forward kinematics of one hand: fingertips and their Jacobians.
 
-MuJoCo computes one posture at a time. A plan needs all postures of a piece in every iteration;
-arrays over all postures are far faster.
+MuJoCo computes one posture at a time. A plan needs those of a whole stretch in every iteration;
+for the some 120 of a stretch, arrays take half of the time of MuJoCo on a model of the hand alone.
 """
 
 from __future__ import annotations

@@ -182,15 +182,13 @@ class HandSpec:
         if "along" not in self.forearm.joints:
             raise ConfigError("forearm['joints'] has no 'along': expected the slider's name.")
         n, reach = len(names), self.reach
-        of_rows = {"nearest": reach.nearest, "farthest": reach.farthest}
-        shapes = {name: [len(row) for row in rows] == [n] * n for name, rows in of_rows.items()}
-        for name, fits in {**shapes, "gaps": len(reach.gaps) == n - 1}.items():
-            if not fits:
-                expected = (
-                    f"{n - 1}, one for each two neighbours" if name == "gaps" else f"{n} x {n}"
-                )
+        tables = {"nearest": reach.nearest, "farthest": reach.farthest}
+        fits = {name: [len(row) for row in rows] == [n] * n for name, rows in tables.items()}
+        for name, is_fit in {**fits, "gaps": len(reach.gaps) == n - 1}.items():
+            if not is_fit:
+                count = n - 1 if name == "gaps" else f"{n} x {n}"
                 raise ConfigError(
-                    f"reach[{name!r}] does not fit {n} fingers: expected {expected} distances."
+                    f"reach[{name!r}] does not fit {n} fingers: expected {count} distances."
                 )
 
     def __hash__(self) -> int:

@@ -14,11 +14,11 @@ import numpy as np
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError, naming
 from sb3_piano.files import write_yaml
-from sb3_piano.jobs import Here, Job
+from sb3_piano.jobs import Here, Job, finish, status
 from sb3_piano.jobs.folders import is_empty, shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.pipelines.stages import CURRICULUM_FILE, Curriculum, load_curriculum
-from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
+from sb3_piano.pipelines.training import Trained, TrainingJob
 from sb3_piano.settings import Count, checked
 from sb3_piano.training import RunFolder
 from sb3_piano.training.runs.start import start_plugin
@@ -72,11 +72,14 @@ def run_curriculum(
     busy = f"The curriculum in '{place}' is being trained"
     with hold(place / LOCK_SUFFIX, busy, "one process in a folder: --status for its state."):
         write_yaml(place / CURRICULUM_FILE, curriculum.to_mapping())
-        result = train_all(place, jobs, executor=Here(), on_begin=on_stage)
-    for run in result.runs:
+        try:
+            runs = finish(jobs, Here(), on_begin=on_stage)
+        except KeyboardInterrupt:
+            runs = status(jobs)
+    for run in runs:
         if run.error is not None:
             raise run.error
-    return result
+    return Trained(folder=place, runs=tuple(runs))
 
 
 def curriculum_jobs(place: Path, curriculum: Curriculum, **options: Any) -> list[TrainingJob]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import contextlib
 import itertools
 import os
 import re
@@ -16,12 +16,12 @@ from annotated_types import MinLen
 from sb3_piano.exceptions import ConfigError, RunError, naming
 from sb3_piano.files import load_yaml, write_csv, write_yaml
 from sb3_piano.hyperparams import DEFAULT_ALGORITHM
-from sb3_piano.jobs import Outcome, Resources
+from sb3_piano.jobs import Outcome, Resources, finish, status
 from sb3_piano.jobs.folders import is_empty, shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import select_pieces
 from sb3_piano.music.catalogue import is_path
-from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
+from sb3_piano.pipelines.training import Trained, TrainingJob
 from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, Nested, settings
@@ -143,8 +143,17 @@ def sweep(
             raise RunError(
                 f"Folder '{place}' is not empty and no sweep: expected a new or empty one."
             )
-        note = functools.partial(_write_results, place)
-        return train_all(place, jobs, on_result, note, resources=config.resources, **where)
+        runs = {one.job.name: one for one in status(jobs)}
+
+        def tell(outcome: Outcome, done: int, total: int) -> None:
+            runs[outcome.job.name] = outcome
+            _write_results(place, list(runs.values()))
+            on_result(outcome, done, total)
+
+        _write_results(place, list(runs.values()))
+        with contextlib.suppress(KeyboardInterrupt):
+            finish(jobs, on_outcome=tell, resources=config.resources, **where)
+        return Trained(folder=place, runs=tuple(runs.values()))
 
 
 def _write_results(place: Path, runs: Sequence[Outcome]) -> None:

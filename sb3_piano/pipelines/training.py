@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from sb3_piano.callbacks.checkpoint import CHECKPOINT_FILE, DEFAULT_EVERY, Check
 from sb3_piano.callbacks.condition import Condition
 from sb3_piano.callbacks.own_env import with_nested
 from sb3_piano.files import read_json, write_json, write_yaml
-from sb3_piano.jobs import Job, Outcome, finish, status
+from sb3_piano.jobs import Job, Outcome
 from sb3_piano.jobs.job import Work
 from sb3_piano.settings import refuse_unknown
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
@@ -106,36 +106,11 @@ class Trained:
     """Folder of the sweep or curriculum."""
     runs: tuple[Outcome, ...]
     """Outcomes of the runs, in the order of the grid or of the stages."""
-    interrupted: bool = False
-    """Whether Ctrl-C or SIGTERM ended it early."""
 
-
-def train_all(
-    folder: Path,
-    jobs: Sequence[TrainingJob],
-    on_result: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
-    note: Callable[[Sequence[Outcome]], object] = lambda runs: None,
-    **options: Any,
-) -> Trained:
-    """Finish jobs with :func:`~sb3_piano.jobs.finish`; call ``note`` with all at each change.
-
-    An interruption sets ``interrupted`` of the result.
-    """
-    known = status(jobs)
-    runs = {one.job.name: one for one in known}
-
-    def tell(outcome: Outcome, done: int, total: int) -> None:
-        runs[outcome.job.name] = outcome
-        note(list(runs.values()))
-        on_result(outcome, done, total)
-
-    note(known)
-    interrupted = False
-    try:
-        finish(jobs, known=known, on_outcome=tell, **options)
-    except KeyboardInterrupt:
-        interrupted = True
-    return Trained(folder=folder, runs=tuple(runs.values()), interrupted=interrupted)
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C or SIGTERM ended it early: runs are left."""
+        return any(run.result is None and run.error is None for run in self.runs)
 
 
 def train_to_end(

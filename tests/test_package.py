@@ -50,6 +50,7 @@ ROOMS = [
     "metrics",
     "performance",
     "viewing",
+    "take",
     "envs",
     "planning",
     "wrappers",

@@ -21,7 +21,7 @@ from sb3_piano.jobs.folders import is_empty, shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import select_pieces
 from sb3_piano.music.catalogue import is_path
-from sb3_piano.pipelines.training import Trained, TrainingJob
+from sb3_piano.pipelines.training import TrainingJob
 from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, Nested, settings
@@ -111,12 +111,12 @@ def sweep(
     *,
     on_result: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
     **where: Any,
-) -> Trained:
-    """Train and evaluate all runs of a grid, or the rest of them.
+) -> list[Outcome]:
+    """Train and evaluate all runs of a grid, or the rest of them; return the outcome of each.
 
     Each run gets a folder ``<cell>/seed_<n>`` and a line in ``results.csv``. See
-    :func:`~sb3_piano.jobs.finish` for finished, stopped and failed runs. Ctrl-C ends the sweep; the
-    same call resumes it.
+    :func:`~sb3_piano.jobs.finish` for finished, stopped and failed runs. Ctrl-C ends the sweep:
+    some outcomes then have neither result nor error. The same call resumes it.
 
     Args:
         config: The grid.
@@ -153,7 +153,7 @@ def sweep(
         _write_results(place, list(runs.values()))
         with contextlib.suppress(KeyboardInterrupt):
             finish(jobs, on_outcome=tell, resources=config.resources, **where)
-        return Trained(folder=place, runs=tuple(runs.values()))
+        return list(runs.values())
 
 
 def _write_results(place: Path, runs: Sequence[Outcome]) -> None:

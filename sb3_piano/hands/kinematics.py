@@ -27,11 +27,10 @@ _Ways = tuple[tuple[int, float], ...]
 
 
 class _Link(NamedTuple):
-    """Body with its pose in its parent, both numbered within the chain.
+    """Body, or a part of it, with its pose in its parent, both numbered within the chain.
 
-    The frame of a link with a hinge is rotated so that the hinge is the third axis: rotations are
-    cheap then. A body with sliders and hinges, such as a forearm, has one link for the sliders and
-    one for each hinge.
+    A body with several joints, such as a forearm, has a link for each. The frame of a link with a
+    hinge is rotated so that the hinge is the third axis: rotations are cheap then.
     """
 
     parent: int
@@ -39,7 +38,8 @@ class _Link(NamedTuple):
     rotation: FloatArray
     is_aligned: bool
     """Whether its frame is parallel to its parent's with its joints at 0."""
-    joints: tuple[int, ...]
+    joint: int
+    """Its joint in the hand; -1 for none."""
 
 
 class _Bends(NamedTuple):
@@ -79,9 +79,9 @@ class HandKinematics:
         """(n,) ends of the control ranges; rad, or m for the sliders."""
         self.joint_ids = scene.joints[place]
         """(m,) indices of the hand's joints in the model."""
-        number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
-        moves = scene.actuator_of_joint[np.ix_(self.actuators, number == place)]
-        self._actuator_of_joint = np.asarray(moves)
+        h = len(scene.sides)
+        moves = scene.actuator_of_joint.reshape(h, count, h, -1)[place, :, place].copy()
+        self._actuator_of_joint = moves
         share = moves / (moves * moves).sum(axis=1, keepdims=True)
         self.joint_of_actuator = np.ascontiguousarray(share.T)
         """(m, n) matrix from actuator to joint positions; the joints of a tendon share equally."""
@@ -227,14 +227,14 @@ class HandKinematics:
                 if not link.is_aligned:
                     rows = columns.reshape(3, -1)
                     columns = (link.rotation.T @ rows).reshape(columns.shape)
-            for j in link.joints:
-                if j in self._slides:
-                    axes[j] = _moved(np.zeros_like(place), columns, self._slides[j])
-                    place = place + angles[j] * axes[j]
-                else:
-                    one, other, axes[j] = columns
-                    turned = cosines[j] * one + sines[j] * other
-                    columns = np.stack([turned, cosines[j] * other - sines[j] * one, axes[j]])
+            j = link.joint
+            if j in self._slides:
+                axes[j] = _moved(np.zeros_like(place), columns, self._slides[j])
+                place = place + angles[j] * axes[j]
+            elif j >= 0:
+                one, other, axes[j] = columns
+                turned = cosines[j] * one + sines[j] * other
+                columns = np.stack([turned, cosines[j] * other - sines[j] * one, axes[j]])
             places.append(place)
             frames.append(columns)
         return axes, places, frames
@@ -269,26 +269,28 @@ class HandKinematics:
             above = int(model.body_parentid[body])
             parent, turned = number[above], turn[above].T
             place, frame = model.body_pos[body], rotation_matrix(model.body_quat[body])
-            for joints in _groups(model, body):
-                turn[body] = _turn(model, joints)
+            first = int(model.body_jntadr[body])
+            for joint in range(first, first + int(model.body_jntnum[body])) or (-1,):
+                j = order.get(joint, -1)
+                is_hinge = j >= 0 and j not in self._slides
+                turn[body] = _third_axis_to(model.jnt_axis[joint]) if is_hinge else np.eye(3)
                 rotation = turned @ frame @ turn[body]
                 aligned = np.allclose(rotation, np.eye(3), atol=_EXACT)
-                moved = tuple(order[joint] for joint in joints)
-                self._links.append(_Link(parent, _ways(turned @ place), rotation, aligned, moved))
+                self._links.append(_Link(parent, _ways(turned @ place), rotation, aligned, j))
                 # The next link begins at this one.
                 parent, turned = len(self._links) - 1, turn[body].T
                 place, frame = np.zeros(3), np.eye(3)
             number[body] = parent
-        self._link_of_joint = {j: i for i, link in enumerate(self._links) for j in link.joints}
+        self._link_of_joint = {
+            link.joint: i for i, link in enumerate(self._links) if link.joint >= 0
+        }
         joints_of = model.jnt_bodyid[self.joint_ids].tolist()
         self._joints_above = [
             [j for j in self._link_of_joint if joints_of[j] in chain] for chain in chains
         ]
         self._tip_link = [number[body] for body in tip_bodies]
         half, middle = model.geom_size[geoms, 1], model.geom_pos[geoms]
-        axis = np.stack(
-            [rotation_matrix(quaternion)[:, 2] for quaternion in model.geom_quat[geoms]]
-        )
+        axis = np.stack([rotation_matrix(turned)[:, 2] for turned in model.geom_quat[geoms]])
         ends = [np.linalg.norm(middle + side[:, None] * axis, axis=1) for side in (half, -half)]
         self.tip_along = np.where(ends[0] >= ends[1], half, -half)  # the end farther from the joint
         """(f,) offset of each fingertip from its capsule's middle along the axis, m."""
@@ -297,21 +299,10 @@ class HandKinematics:
         self._tip_offset = [_ways(turn[body].T @ tip) for body, tip in pairs]
 
 
-def _groups(model: mujoco.MjModel, body: int) -> list[tuple[int, ...]]:
-    """Group the joints of a body by link: its sliders, then each of its hinges."""
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    joints = range(first, first + count)
-    hinges = [j for j in joints if model.jnt_type[j] == _HINGE]
-    sliders = tuple(joints)[: count - len(hinges)]  # they come first
-    return [*([sliders] if sliders or not hinges else []), *((j,) for j in hinges)]
-
-
-def _turn(model: mujoco.MjModel, joints: tuple[int, ...]) -> FloatArray:
-    """Compute the rotation from the third axis to the hinge of a link, if it has one."""
-    if not joints or model.jnt_type[joints[-1]] != _HINGE:
-        return np.eye(3)
+def _third_axis_to(axis: FloatArray) -> FloatArray:
+    """Compute a rotation from the third axis to another axis, (3, 3)."""
     quaternion = np.empty(4)
-    mujoco.mju_quatZ2Vec(quaternion, model.jnt_axis[joints[-1]])
+    mujoco.mju_quatZ2Vec(quaternion, axis)
     return rotation_matrix(quaternion)
 
 

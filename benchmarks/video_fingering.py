@@ -35,7 +35,7 @@ from sb3_piano.lab.video.keyboard import KeyboardPlane
 from sb3_piano.music import Score, load_score
 from sb3_piano.music.fingering import without_fingers
 from sb3_piano.music.fingering.labels import pair_notes
-from sb3_piano.viewing.take import Take
+from sb3_piano.take import Take
 from sb3_piano.viewing.video import write_video
 
 _PIECES = ("TwinkleTwinkle", "OdeToJoy", "BachMinuetG", "FurElise", "BachPreludeC", "Gymnopedie1")

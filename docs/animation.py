@@ -18,10 +18,10 @@ import numpy as np
 from PIL import Image
 
 from sb3_piano.music import load_score, write_midi
+from sb3_piano.take import Take, write_take
 from sb3_piano.training import OpenPlayer
 from sb3_piano.training.playing.takes import take_of
-from sb3_piano.viewing import PerformanceRenderer, Picture, View, moments, write_take
-from sb3_piano.viewing.take import Take
+from sb3_piano.viewing import PerformanceRenderer, Picture, View, moments
 
 PIECE, TITLE, SECONDS = "BachMinuetG", "Petzold: Minuet in G", 8.0
 WIDTH, FPS, COLORS = 600, 10, 64

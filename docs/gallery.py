@@ -14,9 +14,10 @@ from pathlib import Path
 
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.players import TreeSettings
+from sb3_piano.take import write_take
 from sb3_piano.training import OpenPlayer
 from sb3_piano.training.playing.takes import take_of
-from sb3_piano.viewing import Picture, View, write_take
+from sb3_piano.viewing import Picture, View
 
 FOLDER = Path(__file__).with_name("gallery")
 SECONDS = 8.0

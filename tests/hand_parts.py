@@ -8,7 +8,7 @@ import numpy as np
 from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.planning import PlanSettings
 from sb3_piano.planning.hand import Hand, resting_posture
-from sb3_piano.reading.keyboard import KeyPlaces
+from sb3_piano.reading import KeyPlaces
 from sb3_piano.simulation import compile_scene
 from sb3_piano.simulation.scene import SIDES
 

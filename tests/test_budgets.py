@@ -19,42 +19,41 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 2_035,
+    "base": 2_564,
     "batch": 1_980,
     "buffers": 654,
-    "callbacks": 2_791,
-    "cli": 3_405,
+    "callbacks": 2_859,
+    "cli": 3_404,
     "demonstrations": 1_502,
     "envs": 3_529,
-    "hands": 997,
+    "hands": 901,
     "hyperparams": 35,
     "interop": 236,
-    "jobs": 741,
+    "jobs": 731,
     "lab": 7_479,
     "metrics": 1_368,
-    "music": 8_760,
-    "pipelines": 1_078,
+    "music": 8_836,
+    "pipelines": 1_009,
     "planning": 2_955,
     "players": 2_162,
     "policies": 1_588,
-    "reading": 545,
+    "reading": 445,
     "simulation": 900,
-    "training": 6_308,
+    "training": 6_236,
     "tuning": 1_260,
     "vec_env": 488,
-    "viewing": 3_012,
+    "viewing": 2_575,
     "wrappers": 2_061,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
-# has 3,000 lines for it; what is above that are mostly settings and their YAML files (`stages`,
-# `grid`, `corpus_settings`, `space`), which composed specs are to make shorter.
+# has 3,000 lines for it.
 LONG_WORK = ("jobs", "pipelines", "tuning")
-LONG_WORK_LINES = 3_079
+LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_390, "modules": 336, "names": 227},
+    "core": {"lines": 50_278, "modules": 334, "names": 225},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
     "tests": {"lines": 41_755},
 }

@@ -13,8 +13,8 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.music.formats.midi_reading import read_midi
+from sb3_piano.take import Take
 from sb3_piano.training import OpenPlayer
-from sb3_piano.viewing.take import Take
 
 TUNE = Score(notes=[Note(onset=i / 4, offset=(i + 1) / 4, pitch=72 + i) for i in range(3)])
 
@@ -90,7 +90,7 @@ def test_commands_take_a_take_in_place_of_a_player(capsys):
     assert "--player cannot be given with the take" in capsys.readouterr().err
 
 
-def test_a_midi_file_walks_through_ten_rooms_to_what_is_heard(capsys):
+def test_a_midi_file_walks_through_nine_rooms_to_what_is_heard(capsys):
     package = Path(sb3_piano.__file__).parent
     rooms = set()
 
@@ -109,7 +109,7 @@ def test_a_midi_file_walks_through_ten_rooms_to_what_is_heard(capsys):
         sys.setprofile(None)
     assert rooms == {
         *("cli", "training", "players", "music", "envs"),
-        *("hands", "simulation", "reading", "metrics", "viewing"),
+        *("hands", "simulation", "reading", "metrics"),
     }
 
 

@@ -90,7 +90,7 @@ def record(executor: Executor, folder: Path) -> None:
 
 def train(executor: Executor, folder: Path) -> None:
     """Train and evaluate the runs of a sweep."""
-    assert all(run.state == "finished" for run in sweep(RUNS, folder, executor=executor).runs)
+    assert all(run.state == "finished" for run in sweep(RUNS, folder, executor=executor))
 
 
 def here() -> ThreadPoolExecutor:

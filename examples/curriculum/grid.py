@@ -123,10 +123,10 @@ def practised(practice: Practice) -> tuple[int, Path]:
         ]
         curriculum = dataclasses.replace(curriculum, stages=tuple(stages))
     folder = practice.runs / f"practice_seed_{practice.seed}"
-    result = run_curriculum(curriculum, folder, progress_bar=False)
-    if result.interrupted:
+    *_, last = run_curriculum(curriculum, folder, progress_bar=False)
+    if last.result is None:
         raise KeyboardInterrupt
-    return practice.seed, result.runs[-1].job.folder
+    return practice.seed, last.job.folder
 
 
 def cell(labels: str, weight: float, start: Path | None, seed: int, steps: int | None) -> RunConfig:

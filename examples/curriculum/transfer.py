@@ -72,11 +72,11 @@ def trained(chain: Chain) -> tuple[str, Metrics]:
         stages=tuple(dataclasses.replace(first, piece=piece) for piece in chain.pieces),
         init_from=None if chain.start is None else str(chain.start),
     )
-    result = run_curriculum(curriculum, chain.folder, progress_bar=False)
-    if result.interrupted:
+    runs = run_curriculum(curriculum, chain.folder, progress_bar=False)
+    if runs[-1].result is None:
         raise KeyboardInterrupt
     found: Metrics = {}
-    for number, (piece, run) in enumerate(zip(chain.pieces, result.runs, strict=True), start=1):
+    for number, (piece, run) in enumerate(zip(chain.pieces, runs, strict=True), start=1):
         judged = evaluate(run.job.folder)
         if judged.interrupted:
             raise KeyboardInterrupt

@@ -21,8 +21,8 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.links import make_folder
 from sb3_piano.players.rollout import rollout
 from sb3_piano.settings import Positive, Unit, checked
-from sb3_piano.viewing import Picture, View, write_take
-from sb3_piano.viewing.take import Take
+from sb3_piano.take import Take, write_take
+from sb3_piano.viewing import Picture, View
 
 
 class PerformanceVideoCallback(OwnEnvCallback):

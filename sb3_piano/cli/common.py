@@ -191,7 +191,7 @@ def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[st
 
 def env_options(settings: Iterable[str]) -> dict[str, Any]:
     """Parse environment options given as ``--set NAME=VALUE``."""
-    from sb3_piano.training.configuration.plain_yaml import parse_yaml
+    from sb3_piano.plain_yaml import parse_yaml
 
     found = {}
     for setting in settings:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sb3_piano.jobs import Job, Outcome
-    from sb3_piano.pipelines.training import Trained
 
 _OUT_HELP = "folder of the curriculum; default: runs/curricula/NAME, after FILE"
 _METRICS = ("f1", "onset_f1")
@@ -77,21 +76,21 @@ def _curriculum(arguments: argparse.Namespace) -> int:
 
     if arguments.seed is not None:
         curriculum = dataclasses.replace(curriculum, seed=arguments.seed)
-    result = run_curriculum(curriculum, place, on_stage=tell, **options)
-    last = str(result.folder / curriculum.run_names[-1])
-    _report(result, last, bool(trained))
-    if result.interrupted:
+    stages = run_curriculum(curriculum, place, on_stage=tell, **options)
+    last = str(place / curriculum.run_names[-1])
+    _report(stages, place, last, bool(trained))
+    if stages[-1].result is None:
         return EXIT_INTERRUPTED
     if arguments.evaluate:
         evaluate_run(last)
     return EXIT_OK
 
 
-def _report(result: Trained, last: str, has_trained: bool) -> None:
-    _show(result.runs)
-    print(f"Folder:   {result.folder}")
-    if result.interrupted:
-        resume = f"sb3-piano curriculum --resume {shlex.quote(str(result.folder))}"
+def _report(stages: Sequence[Outcome], place: Path, last: str, has_trained: bool) -> None:
+    _show(stages)
+    print(f"Folder:   {place}")
+    if stages[-1].result is None:
+        resume = f"sb3-piano curriculum --resume {shlex.quote(str(place))}"
         print(f"Go on:    {resume}")
         return
     if not has_trained:

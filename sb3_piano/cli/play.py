@@ -30,10 +30,10 @@ from sb3_piano.exceptions import ConfigError
 if TYPE_CHECKING:
     from sb3_piano.music import Score
     from sb3_piano.players import PlayerSpec
+    from sb3_piano.take import Take
     from sb3_piano.training import EnvSpec, OpenPlayer
     from sb3_piano.training.playing.takes import Planned
     from sb3_piano.viewing import Picture
-    from sb3_piano.viewing.take import Take
 
 _SCORE = "score"
 """Name of no player: the piece sounds as written, and the hands rest."""
@@ -230,7 +230,7 @@ def play_run(run: str, arguments: argparse.Namespace) -> int:
 def _play(arguments: argparse.Namespace) -> int:
     from sb3_piano.jobs.folders import unwritable
     from sb3_piano.music.constants import DEFAULT_VELOCITY
-    from sb3_piano.viewing import show_take
+    from sb3_piano.take import show_take
     from sb3_piano.viewing.human_renderer import check_screen
 
     picture = None if arguments.no_video else _picture(arguments)
@@ -254,8 +254,8 @@ def _play(arguments: argparse.Namespace) -> int:
 
 
 def _write(take: Take, folder: Path, picture: Picture | None, arguments: argparse.Namespace) -> int:
+    from sb3_piano.take import write_take
     from sb3_piano.training.playing.takes import FILE_NAME
-    from sb3_piano.viewing import write_take
 
     if (folder / f"{FILE_NAME}.wav").exists():
         print(f"Note:  the former files in '{folder}' are replaced")
@@ -301,9 +301,9 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     """Play, or read a take; return it and its default folder."""
     from sb3_piano.music import load_score
+    from sb3_piano.take import Take
     from sb3_piano.training.playing.takes import default_folder, folder_of, take_of_score
     from sb3_piano.training.sharing.hub import exported_folder, is_on_hub
-    from sb3_piano.viewing.take import Take
 
     if is_on_hub(arguments.what):
         place = default_folder(None, None) / arguments.what.rpartition("/")[2]

@@ -148,7 +148,7 @@ def _recorded(
 ) -> dict[str, MotionFeatures]:
     """Return the mean motion features of each piece's recorded performances."""
     from sb3_piano.music.difficulty import mean_motion
-    from sb3_piano.viewing.take import Take
+    from sb3_piano.take import Take
 
     by_title = {
         p.title if p.collection == _NO_COLLECTION else p.name.removeprefix(f"{p.collection}-"): name

@@ -62,19 +62,19 @@ def _sweep(arguments: argparse.Namespace) -> int:
             tell(completed=done, total=total)
             print(f"[{done}/{total}] {_called(outcome)}: {outcome.state}", flush=True)
 
-        result = sweep(
+        runs = sweep(
             config,
             folder,
             workers=arguments.workers,
             ray=arguments.ray,
             on_result=report,
         )
-    _show(result.runs)
-    print(f"Results:  {result.folder / 'results.csv'}")
+    _show(runs)
+    print(f"Results:  {folder.absolute() / 'results.csv'}")
     print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(folder))}/*/seed_*")
-    if result.interrupted:
+    if any(run.result is None and run.error is None for run in runs):
         return print_interrupted(True, hint=": the same command resumes it.")
-    failed = (f"{_called(run)}: {run.reason}" for run in result.runs if run.error is not None)
+    failed = (f"{_called(run)}: {run.reason}" for run in runs if run.error is not None)
     return print_errors(*failed)
 
 

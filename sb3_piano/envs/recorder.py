@@ -12,7 +12,7 @@ from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.metrics.episode import RETURN_PREFIX
-from sb3_piano.viewing.take import Motion, Take
+from sb3_piano.take import Motion, Take
 
 
 class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):

@@ -1,14 +1,13 @@
 """Batched forward kinematics of one hand: fingertips and their Jacobians.
 
-MuJoCo computes one posture at a time. A plan needs all postures of a piece in every iteration;
-arrays over all postures are far faster.
+MuJoCo computes one posture at a time. A plan needs those of a whole stretch in every iteration;
+for the some 120 of a stretch, arrays take half of the time of MuJoCo on a model of the hand alone.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,13 +26,11 @@ _Ways = tuple[tuple[int, float], ...]
 """A vector as its nonzero components: axis and length."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Link:
-    """Body with its pose in its parent, both numbered within the chain.
+class _Link(NamedTuple):
+    """Body, or a part of it, with its pose in its parent, both numbered within the chain.
 
-    The frame of a link with a hinge is rotated so that the hinge is the third axis: rotations are
-    cheap then. A body with sliders and hinges, such as a forearm, has one link for the sliders and
-    one for each hinge.
+    A body with several joints, such as a forearm, has a link for each. The frame of a link with a
+    hinge is rotated so that the hinge is the third axis: rotations are cheap then.
     """
 
     parent: int
@@ -41,11 +38,11 @@ class _Link:
     rotation: FloatArray
     is_aligned: bool
     """Whether its frame is parallel to its parent's with its joints at 0."""
-    joints: tuple[int, ...]
+    joint: int
+    """Its joint in the hand; -1 for none."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Bends:
+class _Bends(NamedTuple):
     """The k fingers whose last two joints share an actuator; their last three joints are parallel.
 
     Positions in the plane of a finger are complex numbers, with its first link on the real axis.
@@ -59,19 +56,6 @@ class _Bends:
     """(k,) the first of the two joints."""
     lengths: FloatArray
     """(3, k) lengths of the links after the knuckle, m."""
-
-    def tip(self, middle: FloatArray, end: FloatArray) -> ComplexArray:
-        """Compute the tips from the angles of the second and the third link."""
-        first, second, third = self.lengths
-        return np.asarray(first + second * np.exp(1j * middle) + third * np.exp(1j * end))
-
-    def distance(self, even: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the tips' distances from the knuckles of evenly bent fingers, m, and slopes."""
-        _, second, third = self.lengths
-        tip = self.tip(even / 2, even)
-        distance = np.abs(tip)
-        turned = 1j * (second / 2 * np.exp(0.5j * even) + third * np.exp(1j * even))
-        return distance, (tip.conj() * turned).real / distance
 
 
 class HandKinematics:
@@ -95,9 +79,9 @@ class HandKinematics:
         """(n,) ends of the control ranges; rad, or m for the sliders."""
         self.joint_ids = scene.joints[place]
         """(m,) indices of the hand's joints in the model."""
-        number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
-        moves = scene.actuator_of_joint[np.ix_(self.actuators, number == place)]
-        self._actuator_of_joint = np.asarray(moves)
+        h = len(scene.sides)
+        moves = scene.actuator_of_joint.reshape(h, count, h, -1)[place, :, place].copy()
+        self._actuator_of_joint = moves
         share = moves / (moves * moves).sum(axis=1, keepdims=True)
         self.joint_of_actuator = np.ascontiguousarray(share.T)
         """(m, n) matrix from actuator to joint positions; the joints of a tendon share equally."""
@@ -188,17 +172,25 @@ class HandKinematics:
             (..., n) rad or m.
         """
         positions = np.asarray(joints @ self._actuator_of_joint.T)
-        bends = self._bends
-        even = positions[..., bends.both]
-        tip = bends.tip(joints[..., bends.middle], even)
+        knuckle, both, first_of_both, (first, second, third) = self._bends
+
+        def tip(middle: FloatArray, end: FloatArray) -> ComplexArray:
+            """Compute the tips from the angles of the second and the third link."""
+            return np.asarray(first + second * np.exp(1j * middle) + third * np.exp(1j * end))
+
+        even = positions[..., both]
+        wanted = tip(joints[..., first_of_both], even)
         for _ in range(_EVEN_STEPS):  # Newton's method, for the tip's distance from the knuckle
-            distance, slope = bends.distance(even)
+            found = tip(even / 2, even)
+            distance = np.abs(found)
+            turned = 1j * (second / 2 * np.exp(0.5j * even) + third * np.exp(1j * even))
+            slope = (found.conj() * turned).real / distance
             # The slope is 0 at a straight finger, which no bend makes longer.
-            change = (np.abs(tip) - distance) * slope / (slope**2 + _STRAIGHT)
+            change = (np.abs(wanted) - distance) * slope / (slope**2 + _STRAIGHT)
             even = even + np.clip(change, -_LONGEST_EVEN_STEP, _LONGEST_EVEN_STEP)
-            even = np.clip(even, self.low[bends.both], self.high[bends.both])
-        positions[..., bends.both] = even
-        positions[..., bends.knuckle] += np.angle(tip / bends.tip(even / 2, even))
+            even = np.clip(even, self.low[both], self.high[both])
+        positions[..., both] = even
+        positions[..., knuckle] += np.angle(wanted / tip(even / 2, even))
         return positions
 
     def _find_bends(self) -> _Bends:
@@ -235,14 +227,14 @@ class HandKinematics:
                 if not link.is_aligned:
                     rows = columns.reshape(3, -1)
                     columns = (link.rotation.T @ rows).reshape(columns.shape)
-            for j in link.joints:
-                if j in self._slides:
-                    axes[j] = _moved(np.zeros_like(place), columns, self._slides[j])
-                    place = place + angles[j] * axes[j]
-                else:
-                    one, other, axes[j] = columns
-                    turned = cosines[j] * one + sines[j] * other
-                    columns = np.stack([turned, cosines[j] * other - sines[j] * one, axes[j]])
+            j = link.joint
+            if j in self._slides:
+                axes[j] = _moved(np.zeros_like(place), columns, self._slides[j])
+                place = place + angles[j] * axes[j]
+            elif j >= 0:
+                one, other, axes[j] = columns
+                turned = cosines[j] * one + sines[j] * other
+                columns = np.stack([turned, cosines[j] * other - sines[j] * one, axes[j]])
             places.append(place)
             frames.append(columns)
         return axes, places, frames
@@ -266,53 +258,52 @@ class HandKinematics:
             self._turned = TurnedForearm.of(model, driven[yaw], yaw, self.sign)
 
     def _build_chains(self, model: mujoco.MjModel, geoms: IntArray) -> None:
-        """Number the bodies from the hand's root to its fingertips, parents first."""
-        tip_bodies = [int(model.geom_bodyid[g]) for g in geoms]
+        """List the links from the hand's root to its fingertips, parents first."""
+        tip_bodies = model.geom_bodyid[geoms].tolist()
         chains = [_path_from_world(model, body) for body in tip_bodies]
-        bodies = sorted({body for chain in chains for body in chain})  # parents have lower ids
         order = {int(j): i for i, j in enumerate(self.joint_ids)}
         self._links: list[_Link] = []
-        number: dict[int, int] = {}  # of a body's last link
-        for body in bodies:
-            parent = number.get(int(model.body_parentid[body]), -1)
-            self._links += _links(model, body, parent, len(self._links), order)
-            number[body] = len(self._links) - 1
-        self._link_of_joint = {j: i for i, link in enumerate(self._links) for j in link.joints}
-        joints_of = [int(body) for body in model.jnt_bodyid[self.joint_ids]]
+        # Of each body: its last link, and that link's rotation in the body's frame.
+        number, turn = {0: -1}, {0: np.eye(3)}
+        for body in sorted({body for chain in chains for body in chain}):  # parents have lower ids
+            above = int(model.body_parentid[body])
+            parent, turned = number[above], turn[above].T
+            place, frame = model.body_pos[body], rotation_matrix(model.body_quat[body])
+            first = int(model.body_jntadr[body])
+            for joint in range(first, first + int(model.body_jntnum[body])) or (-1,):
+                j = order.get(joint, -1)
+                is_hinge = j >= 0 and j not in self._slides
+                turn[body] = _third_axis_to(model.jnt_axis[joint]) if is_hinge else np.eye(3)
+                rotation = turned @ frame @ turn[body]
+                aligned = np.allclose(rotation, np.eye(3), atol=_EXACT)
+                self._links.append(_Link(parent, _ways(turned @ place), rotation, aligned, j))
+                # The next link begins at this one.
+                parent, turned = len(self._links) - 1, turn[body].T
+                place, frame = np.zeros(3), np.eye(3)
+            number[body] = parent
+        self._link_of_joint = {
+            link.joint: i for i, link in enumerate(self._links) if link.joint >= 0
+        }
+        joints_of = model.jnt_bodyid[self.joint_ids].tolist()
         self._joints_above = [
             [j for j in self._link_of_joint if joints_of[j] in chain] for chain in chains
         ]
         self._tip_link = [number[body] for body in tip_bodies]
-        self.tip_along = np.array([_far_end(model, int(g)) for g in geoms])
+        half, middle = model.geom_size[geoms, 1], model.geom_pos[geoms]
+        axis = np.stack([rotation_matrix(turned)[:, 2] for turned in model.geom_quat[geoms]])
+        ends = [np.linalg.norm(middle + side[:, None] * axis, axis=1) for side in (half, -half)]
+        self.tip_along = np.where(ends[0] >= ends[1], half, -half)  # the end farther from the joint
         """(f,) offset of each fingertip from its capsule's middle along the axis, m."""
-        self._tip_offset = [
-            _ways(_turn(model, body).T @ (model.geom_pos[g] + _axis(model, int(g)) * along))
-            for g, along, body in zip(geoms, self.tip_along, tip_bodies, strict=True)
-        ]
+        tips = middle + axis * self.tip_along[:, None]
+        pairs = zip(tip_bodies, tips, strict=True)
+        self._tip_offset = [_ways(turn[body].T @ tip) for body, tip in pairs]
 
 
-def _turn(model: mujoco.MjModel, body: int) -> FloatArray:
-    """Return the rotation of a body's last link in the body's frame, (3, 3)."""
-    return _turns(model, _groups(model, body)[-1])
-
-
-def _turns(model: mujoco.MjModel, joints: tuple[int, ...]) -> FloatArray:
-    """Compute the rotation from the third axis to the hinge of a link, if it has one."""
-    if not joints or model.jnt_type[joints[-1]] != _HINGE:
-        return np.eye(3)
+def _third_axis_to(axis: FloatArray) -> FloatArray:
+    """Compute a rotation from the third axis to another axis, (3, 3)."""
     quaternion = np.empty(4)
-    mujoco.mju_quatZ2Vec(quaternion, model.jnt_axis[joints[-1]])
+    mujoco.mju_quatZ2Vec(quaternion, axis)
     return rotation_matrix(quaternion)
-
-
-def _groups(model: mujoco.MjModel, body: int) -> list[tuple[int, ...]]:
-    """Group the joints of a body by link: its sliders, then each of its hinges."""
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    joints = range(first, first + count)
-    hinges = [j for j in joints if model.jnt_type[j] == _HINGE]
-    sliders = tuple(j for j in joints if j not in hinges)
-    assert max(sliders, default=-1) < min(hinges, default=model.njnt), "sliders come first"
-    return [*([sliders] if sliders or not hinges else []), *((j,) for j in hinges)]
 
 
 def _ways(offset: FloatArray) -> _Ways:
@@ -332,38 +323,3 @@ def _postures_first(array: FloatArray) -> FloatArray:
 
 def _path_from_world(model: mujoco.MjModel, body: int) -> list[int]:
     return [*_path_from_world(model, int(model.body_parentid[body])), body] if body > 0 else []
-
-
-def _links(
-    model: mujoco.MjModel, body: int, parent: int, number: int, order: dict[int, int]
-) -> list[_Link]:
-    """Make the links of a body, numbered from ``number`` on."""
-    turned = _turn(model, int(model.body_parentid[body])).T
-    place, frame = model.body_pos[body], rotation_matrix(model.body_quat[body])
-    links = []
-    for joints in _groups(model, body):
-        turns = _turns(model, joints)
-        rotation = turned @ frame @ turns
-        links.append(
-            _Link(
-                parent=parent,
-                offset=_ways(turned @ place),
-                rotation=rotation,
-                is_aligned=np.allclose(rotation, np.eye(3), atol=_EXACT),
-                joints=tuple(order[joint] for joint in joints),
-            )
-        )
-        # The next link begins at this one.
-        turned, place, frame, parent = turns.T, np.zeros(3), np.eye(3), number + len(links) - 1
-    return links
-
-
-def _far_end(model: mujoco.MjModel, geom: int) -> float:
-    """Return the position along its axis of a capsule's sphere farther from the joint, m."""
-    half = float(model.geom_size[geom, 1])
-    near, axis = model.geom_pos[geom], _axis(model, geom)
-    return max((half, -half), key=lambda end: float(np.linalg.norm(near + end * axis)))
-
-
-def _axis(model: mujoco.MjModel, geom: int) -> FloatArray:
-    return np.asarray(rotation_matrix(model.geom_quat[geom])[:, 2])

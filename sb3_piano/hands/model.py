@@ -6,9 +6,10 @@ from collections.abc import Container, Iterable, Iterator, Sequence
 from typing import Any
 
 from sb3_piano.engine import mujoco
-from sb3_piano.exceptions import ConfigError, near_names, one_line
+from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.hands.mirror import read_mirrored
 from sb3_piano.hands.spec import SPEC_FILE, HandSpec, Side
+from sb3_piano.settings import refuse_unknown
 
 # Bits of contype and conaffinity. By default every geom of a hand collides with all others of both
 # hands, and with the keyboard, whose conaffinity is 1.
@@ -100,15 +101,9 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
         ("body", spec.bodies, (hand.forearm.body, *links)),
         ("actuator", spec.actuators, hand.rest.posture),
     ]
+    place = f"'{spec.modelname}' in '{hand.folder / SPEC_FILE}'"
     for kind, elements, names in named:
-        known = {hand.short(element.name) for element in elements}
-        for name in names:
-            if name not in known:
-                raise ConfigError(
-                    f"'{hand.folder / SPEC_FILE}' names the {kind} {name!r}, which "
-                    f"'{spec.modelname}' does not have.{near_names(name, known)} Expected one of "
-                    f"{', '.join(sorted(known))}."
-                )
+        refuse_unknown(names, sorted({hand.short(e.name) for e in elements}), kind, place)
     kinds = [mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE]
     for body in spec.bodies[1:]:
         order = [kinds.index(j.type) if j.type in kinds else -1 for j in body.joints]

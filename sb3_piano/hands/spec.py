@@ -9,27 +9,26 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-import yaml
 from annotated_types import Len
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.exceptions import ConfigError, near_names, one_line
+from sb3_piano.exceptions import ConfigError, naming, near_names
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.settings import (
     Listed,
     Nested,
     NotNegative,
     Number,
     Positive,
+    Share,
     refuse_unknown,
     settings,
 )
-
-T = TypeVar("T")
 
 DEFAULT_HAND = "shadow"
 """Name of the default hand."""
@@ -49,7 +48,7 @@ DEFAULT_FOREARM: tuple[ForearmRole, ...] = ("along", "across")
 """Default joints of a forearm."""
 
 Names = Annotated[tuple[str, ...], Listed]
-Three = Annotated[tuple[Number, Number, Number], Listed]
+_Three = Annotated[tuple[Number, Number, Number], Listed]
 _Range = Annotated[tuple[Number, Number], Listed]
 _Table = Annotated[tuple[Annotated[tuple[NotNegative, ...], Listed], ...], Listed]
 
@@ -60,7 +59,7 @@ class Capsule:
 
     size: Annotated[tuple[Positive, Positive], Listed]
     """Radius and half length, m."""
-    pos: Three
+    pos: _Three
     """Its centre in the forearm's frame, m."""
 
 
@@ -112,6 +111,28 @@ class Reach:
 
 
 @settings
+class Ball:
+    """Ellipsoid in its link's frame."""
+
+    centre: _Three
+    """m."""
+    radii: _Three
+    """m."""
+
+
+@settings
+class Shape:
+    """Convex hull of ellipsoids, drawn over a link of a right hand in place of its geoms."""
+
+    link: str
+    """The link with which it moves."""
+    color: Annotated[tuple[Share, Share, Share, Share], Listed]
+    """RGBA."""
+    balls: Annotated[tuple[Nested[Ball], ...], Listed]
+    """Ellipsoids of the hull."""
+
+
+@settings
 class HandSpec:
     """Roles of a hand's parts, and its constants for planning, reading and fingering.
 
@@ -146,6 +167,8 @@ class HandSpec:
     """Rest posture."""
     reach: Nested[Reach]
     """Distances that the fingers can span."""
+    look: Annotated[tuple[Nested[Shape], ...], Listed] = ()
+    """Shapes in pictures, where the colliders of links other than fingertips are then hidden."""
 
     def __post_init__(self) -> None:
         if len({*self.prefix.values(), ""}) < 3:
@@ -159,15 +182,13 @@ class HandSpec:
         if "along" not in self.forearm.joints:
             raise ConfigError("forearm['joints'] has no 'along': expected the slider's name.")
         n, reach = len(names), self.reach
-        of_rows = {"nearest": reach.nearest, "farthest": reach.farthest}
-        shapes = {name: [len(row) for row in rows] == [n] * n for name, rows in of_rows.items()}
-        for name, fits in {**shapes, "gaps": len(reach.gaps) == n - 1}.items():
-            if not fits:
-                expected = (
-                    f"{n - 1}, one for each two neighbours" if name == "gaps" else f"{n} x {n}"
-                )
+        tables = {"nearest": reach.nearest, "farthest": reach.farthest}
+        fits = {name: [len(row) for row in rows] == [n] * n for name, rows in tables.items()}
+        for name, is_fit in {**fits, "gaps": len(reach.gaps) == n - 1}.items():
+            if not is_fit:
+                count = n - 1 if name == "gaps" else f"{n} x {n}"
                 raise ConfigError(
-                    f"reach[{name!r}] does not fit {n} fingers: expected {expected} distances."
+                    f"reach[{name!r}] does not fit {n} fingers: expected {count} distances."
                 )
 
     def __hash__(self) -> int:
@@ -248,21 +269,6 @@ def _read(source: str) -> HandSpec:
             f"hand is {source!r}, which has no {SPEC_FILE}.{near_names(source, known)} Expected "
             f"one of {', '.join(map(repr, known))}, or the path of a hand's folder."
         )
-    return read_entries(file, HandSpec, source=source)
-
-
-def read_entries(file: Path, kind: Callable[..., T], **more: Any) -> T:
-    """Read settings of a kind from a YAML file.
-
-    Raises:
-        ConfigError: If the file does not have valid settings; the message names the file.
-    """
-    try:
-        content = yaml.load(file.read_bytes(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-        if not isinstance(content, Mapping):
-            raise ConfigError("it has no entries: expected a mapping.")
-        return kind(**{**content, **more})
-    except yaml.YAMLError as error:
-        raise ConfigError(f"'{file}' is no YAML: {one_line(error)}.") from error
-    except ConfigError as error:
-        raise ConfigError(f"'{file}': {error}") from error
+    entries = read_yaml_mapping(file)
+    with naming(f"'{file}'"):
+        return HandSpec(**{**entries, "source": source})

@@ -1,8 +1,7 @@
 """Jobs: resumable work in folders, on this machine or on a Ray cluster."""
 
 from sb3_piano.jobs.cluster import Resources
-from sb3_piano.jobs.finish import finish, map_jobs
-from sb3_piano.jobs.job import Job, Outcome, status
+from sb3_piano.jobs.job import Job, Outcome, finish, map_jobs, status
 from sb3_piano.jobs.pool import Here, open_executor
 
 __all__ = [

@@ -14,11 +14,11 @@ import numpy as np
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError, naming
 from sb3_piano.files import write_yaml
-from sb3_piano.jobs import Here, Job
+from sb3_piano.jobs import Here, Job, Outcome, finish, status
 from sb3_piano.jobs.folders import is_empty, shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.pipelines.stages import CURRICULUM_FILE, Curriculum, load_curriculum
-from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
+from sb3_piano.pipelines.training import TrainingJob
 from sb3_piano.settings import Count, checked
 from sb3_piano.training import RunFolder
 from sb3_piano.training.runs.start import start_plugin
@@ -33,17 +33,17 @@ def run_curriculum(
     progress_bar: bool = True,
     checkpoint_every: int = DEFAULT_EVERY,
     on_stage: Callable[[Job], object] = lambda stage: None,
-) -> Trained:
-    """Train the stages of a curriculum, one after the other.
+) -> list[Outcome]:
+    """Train the stages of a curriculum, one after the other; return the outcome of each.
 
     Each starts from the last model of the previous one by
     :class:`~sb3_piano.training.StartFromRun`: networks, optimizers, entropy coefficient and
     statistics of ``VecNormalize``. Step count and schedules restart.
 
-    The same call resumes: after Ctrl-C or SIGTERM where training stopped, after a crash from the
-    last checkpoint. Finished stages are not trained again; stages that have not begun may be
-    changed, removed or added. All their environments are made before training, so that misfits are
-    reported at once.
+    Ctrl-C or SIGTERM ends it: the last outcomes then have no result. The same call resumes where
+    training stopped, after a crash from the last checkpoint. Finished stages are not trained again;
+    stages that have not begun may be changed, removed or added. All their environments are made
+    before training, so that misfits are reported at once.
 
     The folder gets ``curriculum.yml``, with all settings of each stage and the seed, and
     ``<n>_<name>/``, the run of stage n. The run has the stage's evaluations in ``evaluations.json``
@@ -72,11 +72,14 @@ def run_curriculum(
     busy = f"The curriculum in '{place}' is being trained"
     with hold(place / LOCK_SUFFIX, busy, "one process in a folder: --status for its state."):
         write_yaml(place / CURRICULUM_FILE, curriculum.to_mapping())
-        result = train_all(place, jobs, executor=Here(), on_begin=on_stage)
-    for run in result.runs:
+        try:
+            runs = finish(jobs, Here(), on_begin=on_stage)
+        except KeyboardInterrupt:
+            runs = status(jobs)
+    for run in runs:
         if run.error is not None:
             raise run.error
-    return result
+    return runs
 
 
 def curriculum_jobs(place: Path, curriculum: Curriculum, **options: Any) -> list[TrainingJob]:

@@ -22,11 +22,11 @@ from sb3_piano.exceptions import ConfigError, naming
 from sb3_piano.hyperparams import NAMED
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music.catalogue import is_path
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.settings import Index, Listed, Share, TextOrPath, checked, refuse_unknown, settings
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import FILE_OPTIONS
 from sb3_piano.training.configuration.names import algorithm_class
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.plugins import Plugin, with_arguments
 from sb3_piano.training.configuration.values import coerce_mapping, parameters_of, plain
 from sb3_piano.training.configuration.yaml_files import load_config, merged, parted

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import contextlib
 import itertools
 import os
 import re
@@ -16,16 +16,16 @@ from annotated_types import MinLen
 from sb3_piano.exceptions import ConfigError, RunError, naming
 from sb3_piano.files import load_yaml, write_csv, write_yaml
 from sb3_piano.hyperparams import DEFAULT_ALGORITHM
-from sb3_piano.jobs import Outcome, Resources
+from sb3_piano.jobs import Outcome, Resources, finish, status
 from sb3_piano.jobs.folders import is_empty, shared_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import select_pieces
 from sb3_piano.music.catalogue import is_path
-from sb3_piano.pipelines.training import Trained, TrainingJob, train_all
+from sb3_piano.pipelines.training import TrainingJob
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, Nested, settings
 from sb3_piano.training import load_config
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.yaml_files import merged
 
 RESULTS = "results.csv"
@@ -111,12 +111,12 @@ def sweep(
     *,
     on_result: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
     **where: Any,
-) -> Trained:
-    """Train and evaluate all runs of a grid, or the rest of them.
+) -> list[Outcome]:
+    """Train and evaluate all runs of a grid, or the rest of them; return the outcome of each.
 
     Each run gets a folder ``<cell>/seed_<n>`` and a line in ``results.csv``. See
-    :func:`~sb3_piano.jobs.finish` for finished, stopped and failed runs. Ctrl-C ends the sweep; the
-    same call resumes it.
+    :func:`~sb3_piano.jobs.finish` for finished, stopped and failed runs. Ctrl-C ends the sweep:
+    some outcomes then have neither result nor error. The same call resumes it.
 
     Args:
         config: The grid.
@@ -143,8 +143,17 @@ def sweep(
             raise RunError(
                 f"Folder '{place}' is not empty and no sweep: expected a new or empty one."
             )
-        note = functools.partial(_write_results, place)
-        return train_all(place, jobs, on_result, note, resources=config.resources, **where)
+        runs = {one.job.name: one for one in status(jobs)}
+
+        def tell(outcome: Outcome, done: int, total: int) -> None:
+            runs[outcome.job.name] = outcome
+            _write_results(place, list(runs.values()))
+            on_result(outcome, done, total)
+
+        _write_results(place, list(runs.values()))
+        with contextlib.suppress(KeyboardInterrupt):
+            finish(jobs, on_outcome=tell, resources=config.resources, **where)
+        return list(runs.values())
 
 
 def _write_results(place: Path, runs: Sequence[Outcome]) -> None:

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.callbacks.checkpoint import CHECKPOINT_FILE, DEFAULT_EVERY, Checkpoint
 from sb3_piano.callbacks.condition import Condition
-from sb3_piano.callbacks.own_env import with_nested
+from sb3_piano.callbacks.end_when_met import EndWhenMet, read_evaluations
 from sb3_piano.files import read_json, write_json, write_yaml
-from sb3_piano.jobs import Job, Outcome, finish, status
+from sb3_piano.jobs import Job
 from sb3_piano.jobs.job import Work
-from sb3_piano.settings import refuse_unknown
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
 _ENDED, _EVALUATIONS = "ended.json", "evaluations.json"
@@ -34,7 +31,8 @@ def _train_and_evaluate(job: TrainingJob) -> Mapping[str, Any]:
         saved.copy_model(run.checkpoint_dir, run.model_file)
     elif _read(job.folder / _ENDED) != over:
         options = {name: getattr(job, name) for name in ("checkpoint_every", "progress_bar")}
-        steps = train_to_end(job.folder, job.config, [_EndWhenMet(job)], **options)
+        callback = EndWhenMet(job.until, job.folder / _EVALUATIONS)
+        steps = train_to_end(job.folder, job.config, [callback], **options)
         if steps < total:
             write_json(job.folder / _ENDED, {**over, "num_timesteps": steps})
     met = job.is_met(job.evaluations(steps))
@@ -88,54 +86,11 @@ class TrainingJob(Job):
 
     def evaluations(self, until: float = math.inf) -> dict[int, Mapping[str, float]]:
         """Return each metric's mean over episodes by the step count, up to ``until`` steps."""
-        again = "delete it: the run is then evaluated anew."
-        found = read_json(self.folder / _EVALUATIONS, dict[str, list[dict[str, Any]]], again) or {}
-        pairs = ((one["num_timesteps"], one["metrics"]) for one in found.get("evaluations", ()))
-        return {steps: metrics for steps, metrics in pairs if steps <= until}
+        return read_evaluations(self.folder / _EVALUATIONS, until)
 
     def is_met(self, evaluations: Mapping[int, Mapping[str, float]]) -> bool:
         """Check whether evaluations meet the job's condition."""
         return self.until is not None and self.until.is_met([*evaluations.values()])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trained:
-    """Result of a sweep or a curriculum."""
-
-    folder: Path
-    """Folder of the sweep or curriculum."""
-    runs: tuple[Outcome, ...]
-    """Outcomes of the runs, in the order of the grid or of the stages."""
-    interrupted: bool = False
-    """Whether Ctrl-C or SIGTERM ended it early."""
-
-
-def train_all(
-    folder: Path,
-    jobs: Sequence[TrainingJob],
-    on_result: Callable[[Outcome, int, int], object] = lambda outcome, done, total: None,
-    note: Callable[[Sequence[Outcome]], object] = lambda runs: None,
-    **options: Any,
-) -> Trained:
-    """Finish jobs with :func:`~sb3_piano.jobs.finish`; call ``note`` with all at each change.
-
-    An interruption sets ``interrupted`` of the result.
-    """
-    known = status(jobs)
-    runs = {one.job.name: one for one in known}
-
-    def tell(outcome: Outcome, done: int, total: int) -> None:
-        runs[outcome.job.name] = outcome
-        note(list(runs.values()))
-        on_result(outcome, done, total)
-
-    note(known)
-    interrupted = False
-    try:
-        finish(jobs, known=known, on_outcome=tell, **options)
-    except KeyboardInterrupt:
-        interrupted = True
-    return Trained(folder=folder, runs=tuple(runs.values()), interrupted=interrupted)
 
 
 def train_to_end(
@@ -152,42 +107,6 @@ def train_to_end(
     if result.interrupted:
         raise KeyboardInterrupt
     return result.num_timesteps
-
-
-class _EndWhenMet(BaseCallback):
-    """Save the evaluations of a training's callbacks; end it once they meet its condition."""
-
-    def __init__(self, job: TrainingJob) -> None:
-        super().__init__()
-        self._job = job
-        self._evaluations: dict[int, Mapping[str, float]] = {}
-
-    def _on_training_start(self) -> None:
-        if self.num_timesteps > 0:  # else it starts over
-            self._evaluations = self._job.evaluations(self.num_timesteps)
-        self._keep()
-        self._on_step()
-
-    def _on_step(self) -> bool:
-        last = max(self._evaluations, default=-1)
-        found: dict[int, dict[str, float]] = defaultdict(dict)
-        for callback in with_nested([self.locals["callback"]]):
-            if isinstance(callback, MetricEvalCallback):
-                for number, steps in enumerate(callback.evaluated_at):
-                    if steps > last:
-                        found[steps] |= callback.means(number)
-        for steps, metrics in sorted(found.items()):
-            if self._job.until is not None:
-                refuse_unknown(self._job.until.thresholds, metrics, "metric", "until")
-            self._evaluations[steps] = metrics
-        if found:
-            self._keep()
-        return not self._job.is_met(self._evaluations)
-
-    def _keep(self) -> None:
-        pairs = self._evaluations.items()
-        noted = [{"num_timesteps": steps, "metrics": metrics} for steps, metrics in pairs]
-        write_json(self._job.folder / _EVALUATIONS, {"evaluations": noted})
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.music.constants import MIDDLE, THUMB
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.planning.tracking_control import HandDynamics
-from sb3_piano.reading.keyboard import WHITE_X, KeyPlaces
+from sb3_piano.reading.key_frames import WHITE_X, KeyPlaces
 from sb3_piano.simulation import PianoScene
 
 # Joints fixed in the search, rad or m: elbows point outwards, so that both hands have room.

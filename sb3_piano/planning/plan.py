@@ -18,12 +18,12 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import apply_fingering
+from sb3_piano.music.fingering.problems import Problem
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_plan import HandPlan, HandPlans, HandTask, plan_hands
 from sb3_piano.planning.problems import problems_of
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.reading import KeyPlaces, both_hands, read_piece
-from sb3_piano.reading.problems import Problem
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import FINGERS_PER_HAND
+from sb3_piano.music.fingering.problems import Problem, problem_of, unheld
 from sb3_piano.planning.hand_plan import HandPlan
-from sb3_piano.reading.problems import Problem, problem_of, unheld
 from sb3_piano.simulation import PianoScene
 
 # Least error at which a note is out of reach, m: a white key is 23.5 mm wide, a fingertip 13 mm.

@@ -16,13 +16,13 @@ from sb3_piano.engine import mujoco
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
+from sb3_piano.music.fingering.problems import summary
 from sb3_piano.planning.plan import Plan
 from sb3_piano.planning.plan import plan as plan_piece
 from sb3_piano.planning.plan_file import load_plan, roll_digest
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker
 from sb3_piano.players.policy import PianoPolicy
-from sb3_piano.reading.problems import summary
 from sb3_piano.simulation import PianoScene
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.fingering.problems import summary, unheld
 from sb3_piano.players.hand_model import SHIPPED, HandModel
 from sb3_piano.players.policy import PianoPolicy, singles_of
-from sb3_piano.reading.problems import summary, unheld
 from sb3_piano.simulation import PianoScene
 from sb3_piano.wrappers.hand_actions import HandActions, hand_actions_of
 

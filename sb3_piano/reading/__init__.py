@@ -6,7 +6,7 @@ fingertips (:func:`key_frames`), places of the arms (:func:`wanted_places`) and 
 optimised or simulated.
 """
 
-from sb3_piano.reading.keyboard import KeyPlaces
+from sb3_piano.reading.key_frames import KeyPlaces
 from sb3_piano.reading.piece import Reading, both_hands, read_piece
 
 __all__ = ["KeyPlaces", "Reading", "both_hands", "read_piece"]

@@ -1,17 +1,27 @@
-"""Targets of a hand's fingertips, state by state, m."""
+"""Targets of a hand's fingertips on the keys, state by state, m.
+
+World coordinates: x points from the keys' hinges to the player, y to the right, z up.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
-from sb3_piano.music.constants import KEY_IS_BLACK
+from sb3_piano.engine import mujoco
+from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
 from sb3_piano.music.fingering.robot import hand_place
-from sb3_piano.reading.keyboard import KeyPlaces, press_x
 from sb3_piano.reading.presses import TimedPress
+from sb3_piano.simulation import PianoScene
+
+WHITE_X = (0.052, 0.042)
+"""Press points of thumbs and of other fingers along white keys, m."""
+_MIXED_X = (0.040, 0.026)  # the same while the hand plays keys of the other colour, too
+_BLACK_X = (0.002, -0.002)  # the same on black keys
 
 HOVER = 0.010
 """Height of a finger over its next key, m."""
@@ -43,6 +53,47 @@ _LEAP_RELEASE_SHARE = np.array([0.1, 0.5, 0.8])
 
 # A passage is mixed if keys of the other colour are played within so many states.
 _MIXED_STATES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class KeyPlaces:
+    """Geometry of the keys at rest, in the world."""
+
+    y: FloatArray
+    """(88,) centres across the keyboard, m."""
+    top: FloatArray
+    """(88,) height of the tops, m."""
+    hinge: FloatArray
+    """(88,) positions of the hinges along x, m."""
+    max_angle: FloatArray
+    """(88,) angle when fully down, rad."""
+    holding_torque: FloatArray
+    """(88,) torque of the springs when fully down, N m; rigid keys get a moving key's."""
+
+    @classmethod
+    def of(cls, scene: PianoScene) -> KeyPlaces:
+        """Read the geometry from a scene."""
+        data = mujoco.MjData(scene.model)
+        mujoco.mj_kinematics(scene.model, data)
+        centre, half = data.geom_xpos[scene.key_geom], scene.model.geom_size[scene.key_geom]
+        # Keys are the first joints of their bodies, and have no other.
+        joints = scene.model.body_jntadr[scene.model.geom_bodyid[scene.key_geom[scene.moving_keys]]]
+        turn = scene.key_max_angle[scene.moving_keys] - scene.model.qpos_spring[scene.key_qpos]
+        stiffness = np.asarray(scene.model.jnt_stiffness[joints]).reshape(len(joints), -1)[:, 0]
+        torque = np.full(len(half), np.max(stiffness * turn))
+        torque[scene.moving_keys] = stiffness * turn
+        return cls(
+            y=centre[:, 1].copy(),
+            top=centre[:, 2] + half[:, 2],
+            hinge=centre[:, 0] - half[:, 0],
+            max_angle=scene.key_max_angle,
+            holding_torque=torque,
+        )
+
+    def height(self, key: int, x: float, depth: float) -> float:
+        """Compute the height of a key's top at ``x``, m; ``depth`` is a share of its travel."""
+        drop = (x - self.hinge[key]) * np.tan(depth * self.max_angle[key])
+        return float(self.top[key] - drop)
 
 
 class KeyFrames(NamedTuple):
@@ -103,7 +154,8 @@ def key_frames(
             for state in range(start, min(one.first - 1, n_states))
             if all(abs(place - at) <= _REACH for other, at in held[state] if other != finger)
         ]
-        x = press_x(key, finger, mixed)
+        along = _BLACK_X if KEY_IS_BLACK[key] else _MIXED_X if mixed else WHITE_X
+        x = along[finger != THUMB]
         full = _WEIGHT_BLACK if KEY_IS_BLACK[key] else _WEIGHT
         for state, level, depth, above, share in _targets(one, free, hover, hold_depth, soft):
             if 0 < state < n_states and level >= rank[state, finger]:

@@ -13,8 +13,7 @@ from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIDDLE
 from sb3_piano.music.fingering.robot import KEY_SPACING, release_early
 from sb3_piano.music.presses import presses_of_hand
-from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER, KeyFrames, key_frames
-from sb3_piano.reading.keyboard import KeyPlaces
+from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER, KeyFrames, KeyPlaces, key_frames
 from sb3_piano.reading.presses import TimedPress, time_presses
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.simulation.scene import SIDES

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -94,15 +93,13 @@ def time_presses(
 
 def _neighbours(presses: Sequence[Press]) -> list[tuple[int, int]]:
     """Find pairs (later, earlier) of notes between which the hand strikes no other note."""
-    onsets = sorted({press.first for press in presses})
-    pairs = []
+    pairs: list[tuple[int, int]] = []
     recent: list[int] = []
+    before = onset = 0  # the last two times at which the hand strikes
     for later, press in enumerate(presses):
-        recent = [i for i in recent if press.first - presses[i].last - 1 <= LEAP_REST]
-        strikes = bisect.bisect_left(onsets, press.first)
-        for earlier in recent:
-            end = presses[earlier].last
-            if end < press.first and bisect.bisect_right(onsets, end) >= strikes:
-                pairs.append((later, earlier))
+        if press.first > onset:
+            before, onset = onset, press.first
+        recent = [i for i in recent if onset - presses[i].last - 1 <= LEAP_REST]
+        pairs += [(later, i) for i in recent if before <= presses[i].last < onset]
         recent.append(later)
     return pairs

@@ -19,11 +19,11 @@ from optuna.trial import BaseTrial, create_trial
 
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, SB3PianoError, naming, near_names, one_line
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.settings import number_in
 from sb3_piano.training import RunConfig
 from sb3_piano.training.configuration.entries import setting_at, with_settings
 from sb3_piano.training.configuration.names import algorithm_class
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import coerce, parameters_of, plain
 from sb3_piano.training.configuration.yaml_files import entry_config
 from sb3_piano.training.runs.builders import build_model, build_vec_env

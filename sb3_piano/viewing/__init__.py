@@ -3,7 +3,6 @@
 from sb3_piano.viewing.film import film, moments
 from sb3_piano.viewing.frame_renderer import FrameRenderer
 from sb3_piano.viewing.performance_renderer import PerformanceRenderer
-from sb3_piano.viewing.take import show_take, write_take
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.views import Picture, View
 
@@ -14,7 +13,5 @@ __all__ = [
     "View",
     "film",
     "moments",
-    "show_take",
-    "write_take",
     "write_video",
 ]

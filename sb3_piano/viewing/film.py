@@ -9,19 +9,19 @@ import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.metrics import frame_f1
+from sb3_piano.performance import Performance
+from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.viewing.moment import Moment
 from sb3_piano.viewing.performance_renderer import PerformanceRenderer
 from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture
-
-if TYPE_CHECKING:
-    from sb3_piano.viewing.take import Take
 
 Frame = npt.NDArray[np.uint8]
 _Opened = Callable[[], PerformanceRenderer]
@@ -32,7 +32,31 @@ _AHEAD = 3
 """Pictures that each thread may draw before they are used."""
 
 
-def moments(take: Take, fps: float | None = None) -> Iterator[Moment]:
+class Filmed(Protocol):
+    """What pictures need of a :class:`~sb3_piano.take.Take`."""
+
+    @property
+    def scene(self) -> PianoScene:
+        """Scene of the performance."""
+
+    @property
+    def piano(self) -> Performance:
+        """The performance, with the due notes."""
+
+    @property
+    def qpos(self) -> FloatArray:
+        """(t + 1, nq) joint positions at the start and after each control step, rad or m."""
+
+    @property
+    def period(self) -> float:
+        """Time between two of these, s."""
+
+    @property
+    def judged(self) -> bool:
+        """Whether pictures show right and wrong keys, and the F1 so far."""
+
+
+def moments(take: Filmed, fps: float | None = None) -> Iterator[Moment]:
     """Yield the moments of a take: its start, and the end of each control step.
 
     The first moment shows the first step's due keys, each later one those of the step just played.
@@ -68,13 +92,13 @@ def moments(take: Take, fps: float | None = None) -> Iterator[Moment]:
         )
 
 
-def moment_count(take: Take, fps: float | None = None) -> int:
+def moment_count(take: Filmed, fps: float | None = None) -> int:
     """Return the number of :func:`moments`."""
     steps = len(take.qpos)
     return steps if fps is None else max(round(steps * take.period * fps), 1)
 
 
-def film(take: Take, picture: Picture = DEFAULT_PICTURE) -> Generator[Frame, None, None]:
+def film(take: Filmed, picture: Picture = DEFAULT_PICTURE) -> Generator[Frame, None, None]:
     """Draw a take as the environment's ``render`` draws every step.
 
     Threads draw the pictures, each with a drawing context of its own.

@@ -15,7 +15,7 @@ import numpy as np
 from sb3_piano.arrays import FloatArray
 from sb3_piano.engine import mujoco
 from sb3_piano.hands import HandSpec, find_hand
-from sb3_piano.hands.look import Ball, read_look
+from sb3_piano.hands.spec import Ball
 from sb3_piano.music.hands import Hand
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.compiling import assemble_scene, scene_parts
@@ -129,8 +129,7 @@ def _furnish(world: mujoco.MjSpec, keys: list[float]) -> None:
 
 def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
     """Hide a hand's colliders, except the fingertips, under its rounded shapes, if it has any."""
-    look = read_look(spec)
-    if look is None:
+    if not spec.look:
         return
     body = {spec.short(body.name): body for body in hand.bodies[1:]}
     for name, each in body.items():
@@ -139,7 +138,7 @@ def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
                 geom.rgba = _INVISIBLE
     mirror = np.ones(3)
     mirror["xyz".index(spec.mirror)] = 1.0 if side == "right" else -1.0
-    for shape in look.shapes:
+    for shape in spec.look:
         surface = [point for ball in shape.balls for point in _surface(ball, mirror)]
         mesh = hand.add_mesh(name=f"{shape.link}_{len(hand.meshes)}", uservert=surface)
         mesh.smoothnormal = True
@@ -147,7 +146,7 @@ def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
             name=f"seen_{mesh.name}",
             type=_MESH,
             meshname=mesh.name,
-            rgba=look.colors[shape.color],
+            rgba=shape.color,
             contype=0,
             conaffinity=0,
         )

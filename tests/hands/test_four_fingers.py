@@ -11,7 +11,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.players import make_player
 from sb3_piano.players.rollout import rollout
-from sb3_piano.viewing.take import Take
+from sb3_piano.take import Take
 
 LEAP = Path(__file__).parents[2] / "examples" / "leap_hand"
 C4 = 60

@@ -17,7 +17,7 @@ from sb3_piano.music.difficulty import (
 )
 from sb3_piano.music.fingering import without_fingers
 from sb3_piano.music.studies.debug import major_scale
-from sb3_piano.viewing.take import Motion, Take
+from sb3_piano.take import Motion, Take
 
 tables = Tables(__file__)
 

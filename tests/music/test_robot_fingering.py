@@ -15,6 +15,7 @@ from sb3_piano.hands import find_hand
 from sb3_piano.music import BUILT_IN, PianoRoll, load_score
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
 from sb3_piano.music.fingering import apply_fingering, robot
+from sb3_piano.music.fingering.problems import unheld
 from sb3_piano.music.fingering.robot import (
     CHANGE_FINGER,
     KEY_Y,
@@ -27,8 +28,7 @@ from sb3_piano.music.fingering.robot import (
 from sb3_piano.music.fingering.robot_hands import robot_hands
 from sb3_piano.music.hands import finger_of
 from sb3_piano.music.presses import Press
-from sb3_piano.reading.keyboard import KeyPlaces
-from sb3_piano.reading.problems import unheld
+from sb3_piano.reading import KeyPlaces
 from sb3_piano.simulation import compile_scene
 
 tables = Tables(__file__)

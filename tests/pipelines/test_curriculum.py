@@ -91,8 +91,7 @@ def run(tmp_path):
 def ends(result):
     """Return each stage's name, its steps, and what ended it."""
     return [
-        (run.job.name, run.job.progress()[0], (run.result or {}).get("ended_by"))
-        for run in result.runs
+        (run.job.name, run.job.progress()[0], (run.result or {}).get("ended_by")) for run in result
     ]
 
 
@@ -101,7 +100,7 @@ def curriculum_status(folder):
 
 
 def folders(result):
-    return [RunFolder(run.job.folder) for run in result.runs]
+    return [RunFolder(run.job.folder) for run in result]
 
 
 def evaluated(runs):
@@ -157,7 +156,7 @@ def test_each_stage_starts_from_what_the_one_before_has_learnt(write_piano, run,
     )
     file.write_text(file.read_text().replace("callback: []", f"callback: {SAVES_BEGINNING}"))
     result = run(file)
-    assert not result.interrupted
+    assert result[-1].result is not None
     assert ends(result) == [
         ("1_hanon-01", 80, "budget"),
         ("2_hanon-01", 70, "budget"),
@@ -198,8 +197,8 @@ def test_a_condition_that_is_met_ends_its_stage(write_piano, run):
         *((1, "condition"), (45, "budget"), (60, "budget")),
     ]
     steps = [[25], [25, 50], [25, 50], [0], [0, 30, 40], [0, 20, 40, 60]]
-    assert evaluated(result.runs) == steps
-    metrics = result.runs[1].job.evaluations()[25]
+    assert evaluated(result) == steps
+    metrics = result[1].job.evaluations()[25]
     assert {"f1", "onset_f1", "onset_recall"} <= metrics.keys()
     assert SAC.load(folders(result)[0].model_file).num_timesteps == 25
     assert [plugin.path for plugin in folders(result)[4].read_config().callback] == [
@@ -207,11 +206,11 @@ def test_a_condition_that_is_met_ends_its_stage(write_piano, run):
         "sb3_piano.callbacks.OnsetF1Callback",
         "sb3_piano.training.StartFromRun",
     ]
-    known = [run.result for run in curriculum_status(result.folder)]
-    assert known == [run.result for run in result.runs]
-    before = content(result.folder)
+    known = [run.result for run in curriculum_status(result[0].job.folder.parent)]
+    assert known == [run.result for run in result]
+    before = content(result[0].job.folder.parent)
     again = run(file, on_stage=lambda stage: pytest.fail(stage.name))
-    assert (ends(again), content(result.folder)) == (ends(result), before)
+    assert (ends(again), content(result[0].job.folder.parent)) == (ends(result), before)
 
 
 def test_a_metric_that_the_environment_does_not_tell_is_named(write, run):
@@ -253,15 +252,15 @@ def test_ctrl_c_stops_and_the_same_call_goes_on(write, run):
         PENDULUM, {**PENDULUM, "callback": act_at(30, "SIGINT"), "with_buffer": True}, PENDULUM
     )
     result = run(file, checkpoint_every=1000)
-    assert result.interrupted
+    assert result[-1].result is None
     assert [end[1:] for end in ends(result)] == [(60, "budget"), (30, None), (0, None)]
     before = content(folders(result)[0].path)
     result = run(file, seed=None)
-    assert not result.interrupted
+    assert result[-1].result is not None
     assert [end[1:] for end in ends(result)] == [(60, "budget")] * 3
     assert content(folders(result)[0].path) == before
     assert Checkpoint.read(folders(result)[1].checkpoint_dir).replay.total == 120
-    assert load_curriculum(result.folder).seed == 1
+    assert load_curriculum(result[0].job.folder.parent).seed == 1
 
 
 def test_paths_that_begin_at_the_working_folder_are_no_obstacle(write, tmp_path, monkeypatch):
@@ -285,7 +284,7 @@ def test_paths_that_begin_at_the_working_folder_are_no_obstacle(write, tmp_path,
 def test_ctrl_c_in_the_last_step_of_a_stage_begins_no_other(write, run):
     result = run(write({**PENDULUM, "callback": act_at(60, "SIGINT")}, PENDULUM))
     assert [end[1:] for end in ends(result)] == [(60, "budget"), (0, None)]
-    assert result.interrupted
+    assert result[-1].result is None
     assert not folders(result)[1].path.exists()
 
 
@@ -295,10 +294,10 @@ def test_patience_goes_on_across_an_interruption(write_piano, run):
     file = write_piano({"piece": "hanon-01", "until": until, "n_timesteps": 200})
     file.write_text(file.read_text().replace("callback: []", f"callback: {act_at(45, 'SIGINT')}"))
     result = run(file, checkpoint_every=1000)
-    assert (ends(result), evaluated(result.runs)) == ([("1_hanon-01", 45, None)], [[20, 40]])
+    assert (ends(result), evaluated(result)) == ([("1_hanon-01", 45, None)], [[20, 40]])
     result = run(file)
     assert ends(result) == [("1_hanon-01", 65, "condition")]
-    assert evaluated(result.runs) == [[20, 40, 65]]
+    assert evaluated(result) == [[20, 40, 65]]
 
 
 @pytest.fixture
@@ -378,7 +377,7 @@ def test_stages_that_have_not_begun_may_change(begun, write):
     assert [end[1:] for end in ends(result)] == [(60, "budget")] * 4
     assert folders(result)[2].read_config().algorithm_kwargs["gamma"] == 0.5
     assert folders(result)[3].path.name == "4_last"
-    assert load_curriculum(result.folder) == Curriculum(
+    assert load_curriculum(result[0].job.folder.parent) == Curriculum(
         **{**vars_of(load_curriculum(file)), "seed": 1}
     )
 
@@ -392,7 +391,7 @@ def test_stages_that_are_changed_have_to_fit_what_has_begun(begun, write):
     file = write(PENDULUM, STOPPED, {**PENDULUM, "normalize": True})
     with pytest.raises(ConfigError, match="^Stage 3: Its normalize is True"):
         again(file)
-    assert load_curriculum(result.folder).stages[2].settings.get("normalize") is None
+    assert load_curriculum(result[0].job.folder.parent).stages[2].settings.get("normalize") is None
 
 
 def test_one_process_at_a_time_trains_in_a_folder(write, run, tmp_path):

@@ -113,12 +113,12 @@ def test_a_cell_that_a_callback_ended_is_finished(tmp_path):
     for _ in range(2):
         note = {"on_result": lambda run, *_: found.append(run)}
         result = sweep(config, tmp_path / "sweep", executor=Here(), **note)
-        assert [run.result["num_timesteps"] for run in result.runs] == [10]
+        assert [run.result["num_timesteps"] for run in result] == [10]
     assert len(found) == 1  # the second call has nothing to do
     (state,) = status(config.jobs(tmp_path / "sweep"))
     assert state.result == found[0].result
     (state.job.folder / "result.json").unlink()  # as of a process that was killed as it evaluated
-    (again,) = sweep(config, tmp_path / "sweep", executor=Here()).runs
+    (again,) = sweep(config, tmp_path / "sweep", executor=Here())
     assert again.result["metrics"] == state.result["metrics"]
     assert again.result["num_timesteps"] == 10
 
@@ -140,13 +140,13 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
     (place / "sweep.yml").write_text(yaml.safe_dump({job.name: job.config.to_mapping()}))
     told = []
     result = sweep(both, place, executor=Here(), on_result=lambda run, done, _: told.append(done))
-    first = result.runs[0]
+    first = result[0]
     assert isinstance(first.job, Job)
     assert (first.result["started_at"], first.result["num_timesteps"]) == (120, 220)
     judged = Path(first.job.folder, "evaluation", "metrics.json").read_bytes()
     assert json.loads(judged)["num_timesteps"] == 220  # of the last model, not of the 120 steps
     assert told == [1, 2]
-    assert [run.state for run in result.runs] == ["finished", "finished"]
+    assert [run.state for run in result] == ["finished", "finished"]
 
     resume(tmp_path / "alone", 220, progress_bar=False, checkpoint_every=60)
     assert_same_weights(first.job.folder, tmp_path / "alone")
@@ -154,11 +154,11 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
     with (place / "results.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [(row["cell"], row["seed"], row["state"]) for row in rows] == [
-        (run.job.name.partition("/")[0], "0", "finished") for run in result.runs
+        (run.job.name.partition("/")[0], "0", "finished") for run in result
     ]
     assert float(rows[0]["f1"]) == first.result["metrics"]["f1"]
     again = sweep(both, place, executor=Here(), on_result=lambda *_: pytest.fail("a run"))
-    assert [run.result for run in again.runs] == [run.result for run in result.runs]
+    assert [run.result for run in again] == [run.result for run in result]
 
     changed = SweepConfig(**{**SHORT, "settings": {**SHORT["settings"], "gamma": 0.5}})
     with pytest.raises(RunError, match=r"The job '.*' in '.*' has .*gamma 0.\d+, not 0.5"):
@@ -234,8 +234,8 @@ def test_an_evaluation_that_is_interrupted_leaves_its_cell_unfinished(
 @pytest.mark.slow
 def test_cells_on_a_cluster_have_the_weights_of_local_ones(ray_cluster, tmp_path):
     config = SweepConfig(**{**SHORT, "seeds": (0, 1)})
-    there = sweep(config, tmp_path / "cluster", ray=ray_cluster.address).runs
-    here = sweep(config, tmp_path / "local", executor=Here()).runs
+    there = sweep(config, tmp_path / "cluster", ray=ray_cluster.address)
+    here = sweep(config, tmp_path / "local", executor=Here())
     for one, other in zip(there, here, strict=True):
         assert one.result == other.result
         assert_same_weights(one.job.folder, other.job.folder)

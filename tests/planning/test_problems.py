@@ -8,9 +8,9 @@ from short_pieces import BUFFER, QUICK, key_of, piano, planned, pressed_tips
 from short_scores import score_of as tune
 
 from sb3_piano.music.fingering import apply_fingering
+from sb3_piano.music.fingering.problems import Problem, summary
 from sb3_piano.planning import plan
 from sb3_piano.players.planned import PlannedPianist
-from sb3_piano.reading.problems import Problem, summary
 
 
 def score_of(*notes):

@@ -13,6 +13,7 @@ from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.training import load_config, load_entry
 from sb3_piano.training.configuration.entries import (
     setting_at,
@@ -21,7 +22,6 @@ from sb3_piano.training.configuration.entries import (
     write_entry,
     zoo_entry,
 )
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.yaml_files import entry_config
 
 tables = Tables(__file__)

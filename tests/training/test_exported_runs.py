@@ -16,8 +16,8 @@ from yaml_rows import Tables
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.imports import import_name, known_packages_only
 from sb3_piano.lab.web import export_web
+from sb3_piano.take import Take
 from sb3_piano.training import evaluate, export_run, load_player
-from sb3_piano.viewing.take import Take
 
 tables = Tables(__file__)
 

@@ -9,9 +9,9 @@ from acting import LOUD
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.take import Take
 from sb3_piano.training import evaluate
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
-from sb3_piano.viewing.take import Take
 
 PIECE = "debug-CMajorScaleOneHand"
 

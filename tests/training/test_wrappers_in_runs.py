@@ -23,6 +23,7 @@ from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.take import Take
 from sb3_piano.training import (
     OpenPlayer,
     RunConfig,
@@ -34,7 +35,6 @@ from sb3_piano.training import (
     write_report,
 )
 from sb3_piano.training.runs.builders import build_vec_env
-from sb3_piano.viewing.take import Take
 
 tables = Tables(__file__)
 

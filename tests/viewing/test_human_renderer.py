@@ -27,7 +27,7 @@ from sb3_piano.exceptions import RenderingError
 from sb3_piano.music import Note, PianoRoll, Score
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.takes import take_of_score
-from sb3_piano.viewing import show_take
+from sb3_piano.take import show_take
 from sb3_piano.viewing.human_renderer import HumanRenderer
 from sb3_piano.viewing.moment import Moment
 from sb3_piano.viewing.stage import staged

@@ -16,6 +16,7 @@ from sb3_piano.exceptions import ConfigError, naming
 from sb3_piano.lab.music import Corpus
 from sb3_piano.lab.music.corpus import SOURCES
 from sb3_piano.music.catalogue import is_path
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.planning import PlanSettings
 from sb3_piano.settings import (
     Count,
@@ -29,7 +30,6 @@ from sb3_piano.settings import (
     Unit,
     settings,
 )
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import plain
 
 DEFAULT_FILE = Path(__file__).with_name("distill.yml")

@@ -38,10 +38,10 @@ from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.catalogue import is_path
 from sb3_piano.music.library import Library
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.playing.player_files import player_files
 from sb3_piano.training.runs.provenance import provenance
 

@@ -12,7 +12,7 @@ from sb3_piano.arrays import FloatArray
 from sb3_piano.lab.video.landmarks import N_POINTS, TIPS, Landmarks
 from sb3_piano.music import MIN_PITCH, Note, Score
 from sb3_piano.settings import NotNegative, Number, Positive, Share, Whole, settings
-from sb3_piano.viewing.take import Take
+from sb3_piano.take import Take
 
 
 @settings

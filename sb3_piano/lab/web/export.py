@@ -37,9 +37,9 @@ from sb3_piano.planning import Plan
 from sb3_piano.players import TreeSettings
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER
 from sb3_piano.simulation import PianoScene, compile_scene
+from sb3_piano.take import SUFFIX, Take
 from sb3_piano.training.playing.player import PLANNED_IN
 from sb3_piano.viewing.stage_files import stage_files
-from sb3_piano.viewing.take import SUFFIX, Take
 
 DEFAULT_PIECES = ("repertoire", "scale-CMajor", "hanon-01")
 """Entries of :func:`~sb3_piano.music.selection.select_pieces` exported by default."""

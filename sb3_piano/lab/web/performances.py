@@ -22,9 +22,9 @@ from sb3_piano.planning.hand_plan import HandPlan
 from sb3_piano.players import PlayerSpec, TreeSettings, rollout
 from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.players.planned import Trackers, action_of
+from sb3_piano.take import SUFFIX, Motion, Take
 from sb3_piano.training.playing.player import PLANNED_IN, OpenPlayer
 from sb3_piano.training.playing.takes import FILE_NAME, take_of
-from sb3_piano.viewing.take import SUFFIX, Motion, Take
 
 # Gains make up most of a plan; rounded to 1/254 of the largest they take a quarter of the space.
 _GAIN_STEPS = 127

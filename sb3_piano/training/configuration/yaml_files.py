@@ -12,10 +12,10 @@ from typing import Any
 
 from sb3_piano.exceptions import ConfigError, naming, near_names
 from sb3_piano.hyperparams import NAMED, PRESETS
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.settings import refuse_unknown
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.configuration.values import coerce_mapping
 
 _DEFAULT_ENTRY = "default"

@@ -20,6 +20,7 @@ from sb3_piano.exceptions import RunError
 from sb3_piano.files import read_json, write_atomically, write_csv
 from sb3_piano.metrics.episode import has_value
 from sb3_piano.settings import checked, refuse_unknown
+from sb3_piano.take import SUFFIX, Take
 from sb3_piano.training.evaluation.difference_plot import difference_plot, picture_format
 from sb3_piano.training.evaluation.statistics import (
     SignedRankTest,
@@ -28,7 +29,6 @@ from sb3_piano.training.evaluation.statistics import (
     summarize,
 )
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.viewing.take import SUFFIX, Take
 
 MAIN_METRICS = ("f1", "onset_f1", "non_silent_f1", "return", "normalized_return")
 """Metrics compared, and shown for several runs, by default."""

@@ -23,12 +23,12 @@ from sb3_piano.music import Score, load_score, write_midi
 from sb3_piano.music.catalogue import is_path
 from sb3_piano.players import PLAYERS, PlayerSpec
 from sb3_piano.settings import Count, Index, checked
+from sb3_piano.take import SUFFIX, Take
 from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.evaluation.evaluations import Evaluation, Evaluations, Failure
 from sb3_piano.training.evaluation.piece import play_piece, summaries
 from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.viewing.take import SUFFIX, Take
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +74,7 @@ def evaluate(
         best: Use the best model by this metric, such as "f1", instead of the last.
         motion: Also write ``evaluation/performance_<i>.npz``, the whole take.
         musical: Also compute the numbers of :meth:`Take.musicianship
-            <sb3_piano.viewing.take.Take.musicianship>`; undefined ones are left out.
+            <sb3_piano.take.Take.musicianship>`; undefined ones are left out.
         on_episode: Called after each episode.
 
     Raises:

@@ -11,10 +11,10 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.metrics import Losses
 from sb3_piano.metrics.episode import has_value
 from sb3_piano.players import TreeSearch
+from sb3_piano.take import Take
 from sb3_piano.training.evaluation.evaluations import Evaluation
 from sb3_piano.training.evaluation.statistics import Summary, summarize
 from sb3_piano.training.playing.player import OpenPlayer
-from sb3_piano.viewing.take import Take
 
 
 def play_piece(

@@ -21,13 +21,13 @@ from sb3_piano.music import Score, load_score
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.players import PlayerSpec
+from sb3_piano.take import Take
 from sb3_piano.training.playing.player import OpenPlayer, Source
 from sb3_piano.training.playing.takes import default_folder, folder_of
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.viewing.report import Curve, score_html
 from sb3_piano.viewing.report.replay import player_script
-from sb3_piano.viewing.take import Take
 
 Texts = list[tuple[str, str]]
 

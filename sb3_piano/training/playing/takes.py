@@ -28,10 +28,10 @@ from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import compile_scene
+from sb3_piano.take import Motion, Played, Progress, Take, write_take
 from sb3_piano.training.configuration.env_spec import EnvSpec
 from sb3_piano.training.playing.player import OpenPlayer, Source, stage_for
-from sb3_piano.viewing import Picture, write_take
-from sb3_piano.viewing.take import Motion, Played, Progress, Take
+from sb3_piano.viewing import Picture
 from sb3_piano.viewing.views import DEFAULT_PICTURE
 
 FILE_NAME = "performance"

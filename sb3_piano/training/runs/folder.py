@@ -23,12 +23,12 @@ from sb3_piano.links import check_inside, keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.catalogue import is_path
 from sb3_piano.music.library import Library
+from sb3_piano.plain_yaml import read_yaml_mapping
 from sb3_piano.players import PlayerSpec
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.env_spec import BASE, MODEL, EnvSpec
 from sb3_piano.training.configuration.names import PLANNERS
-from sb3_piano.training.configuration.plain_yaml import read_yaml_mapping
 from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.unfinished import PARTIAL_SUFFIX
 

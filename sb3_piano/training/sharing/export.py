@@ -7,14 +7,14 @@ from collections.abc import Callable
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.files import FileIn, write_text
+from sb3_piano.take import Progress, write_take
 from sb3_piano.training.evaluation.evaluate import evaluate
 from sb3_piano.training.playing.player import OpenPlayer
 from sb3_piano.training.playing.player_files import player_written
 from sb3_piano.training.playing.takes import take_of
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.sharing.card import card_of
-from sb3_piano.viewing import Picture, write_take
-from sb3_piano.viewing.take import Progress
+from sb3_piano.viewing import Picture
 from sb3_piano.viewing.views import DEFAULT_PICTURE
 
 REPLAY = "replay"

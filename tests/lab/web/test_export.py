@@ -24,10 +24,10 @@ from sb3_piano.planning import PlanSettings, Tracker
 from sb3_piano.players import TreeSettings
 from sb3_piano.players.planned import Trackers
 from sb3_piano.simulation import compile_scene
+from sb3_piano.take import Take
 from sb3_piano.training.playing.player import PLANNED_IN
 from sb3_piano.viewing.stage import staged
 from sb3_piano.viewing.stage_files import stage_files
-from sb3_piano.viewing.take import Take
 
 SHORT = score_of(
     *((0.4 * i, 0.4 * i + 0.3, pitch) for i, pitch in enumerate([60, 64, 67, 72])),

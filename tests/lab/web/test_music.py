@@ -28,13 +28,13 @@ from sb3_piano.music import PianoRoll, Score, load_score, write_midi
 from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.music.fingering import apply_fingering, finger_score, without_fingers
 from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, MAX_INTERVAL, cost_tables
+from sb3_piano.music.fingering.problems import summary, unheld
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.music.formats import write_musicxml
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.presses import Press, presses_of_hand
 from sb3_piano.music.roll import EarlyRelease
-from sb3_piano.reading.problems import summary, unheld
 
 TIMESTEP = 0.05
 CASES = Path(__file__).parents[2] / "music" / "cases"

@@ -14,8 +14,8 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.lab.web import export_web
 from sb3_piano.music import Score, load_score
+from sb3_piano.take import Take
 from sb3_piano.training.playing.player import PLANNED_IN
-from sb3_piano.viewing.take import Take
 
 pytestmark = pytest.mark.slow
 

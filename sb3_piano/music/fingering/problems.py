@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sb3_piano.music import MIN_PITCH, PianoRoll
-from sb3_piano.music.constants import FINGER_NAMES, UNKNOWN_FINGER
+from sb3_piano.music.constants import FINGER_NAMES, MIN_PITCH, UNKNOWN_FINGER
 from sb3_piano.music.pitch import pitch_name
+from sb3_piano.music.roll import PianoRoll
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,8 @@ def unheld(roll: PianoRoll) -> list[Problem]:
     They have no finger, are released early, or are left out. Other problems need a plan. The roll
     must come from :func:`~sb3_piano.music.fingering.robot.release_early`.
     """
-    timestep, left_out = (
-        roll.control_timestep,
-        {(one.release, one.key) for one in roll.early_releases},
-    )
+    timestep = roll.control_timestep
+    left_out = {(one.release, one.key) for one in roll.early_releases}
     # More notes sound at once than a hand can hold.
     problems = [
         problem_of(timestep, key, step, UNKNOWN_FINGER, "no finger is left for it")

@@ -22,12 +22,12 @@ LINES = {
     "base": 2_035,
     "batch": 1_980,
     "buffers": 654,
-    "callbacks": 2_791,
-    "cli": 3_405,
+    "callbacks": 2_820,
+    "cli": 3_414,
     "demonstrations": 1_502,
     "envs": 3_529,
     "hands": 997,
-    "hyperparams": 35,
+    "hyperparams": 38,
     "interop": 236,
     "jobs": 741,
     "lab": 7_479,
@@ -35,13 +35,13 @@ LINES = {
     "music": 8_760,
     "pipelines": 1_078,
     "planning": 2_955,
-    "players": 2_162,
-    "policies": 1_588,
+    "players": 2_187,
+    "policies": 1_609,
     "reading": 545,
     "simulation": 900,
-    "training": 6_308,
+    "training": 6_334,
     "tuning": 1_260,
-    "vec_env": 488,
+    "vec_env": 491,
     "viewing": 3_012,
     "wrappers": 2_061,
 }
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_079
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_390, "modules": 336, "names": 227},
+    "core": {"lines": 50_506, "modules": 336, "names": 227},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
-    "tests": {"lines": 41_755},
+    "tests": {"lines": 41_912},
 }
 
 

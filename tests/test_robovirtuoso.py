@@ -129,6 +129,10 @@ def test_the_page_has_the_tables_of_what_was_kept(tmp_path, monkeypatch, capsys)
     assert [line for line in printed if line.startswith("| table_")] == [
         line for line in page.splitlines() if line.startswith("| table_")
     ]
+    for row in page.splitlines():
+        if row.startswith("| table_"):
+            _, _, (f1, *marked), _, _, (resting, *_), *_ = map(str.split, row.split("|"))
+            assert marked == ["floor"] * (float(f1) < float(resting) + 0.05)
     kept = json.loads((FOLDER / "results.json").read_text(encoding="utf-8"))
     unseen = page.partition("## Pieces not seen before")[2]
     for name in ("pretraining/one_scale", "pretraining/twelve_scales", "sight-reader"):

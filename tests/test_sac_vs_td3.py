@@ -138,7 +138,8 @@ def test_the_driver_trains_what_is_missing_and_what_is_kept_outlives_its_folder(
     places = ["--runs", str(runs), "--kept", str(kept)]
     assert row(CELL).startswith(f"{mean['return']:.1f} | ")
     assert row(CELL).split(" | ")[2] == "421.6"
-    assert f"{mean['f1']:.3f} |" in row(CELL)
+    floor = " floor" if mean["f1"] < mean["noop_f1"] + 0.05 else ""
+    assert f" {mean['f1']:.3f}{floor} |" in row(CELL)
     assert row("sac/d_major").startswith("- | - | 248.3 | - |")
     whole = metrics.read_text()
     metrics.write_text(json.dumps({**json.loads(whole), "num_timesteps": STEPS - 1}))
@@ -179,6 +180,8 @@ def test_the_page_has_the_tables_that_the_kept_results_give(tmp_path, script):
     for row, measured in zip(shown, printed, strict=True):
         assert row == {name: measured[name] for name in row}
         assert row["seeds"] == "2"
+        f1, *marked = row["F1"].split()
+        assert marked == ["floor"] * (float(f1) < float(measured["resting F1"]) + 0.05)
         assert row["Q"] != "-"
 
 

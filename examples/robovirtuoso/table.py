@@ -7,7 +7,8 @@ The runs are those of ``run.py`` and, where a folder is gone, those that results
 is that of the last model without exploring: each piece's mean over seeds, of which the mean over
 pieces is shown, with a 95 % interval over pieces where there are several, otherwise with the least
 and the greatest of the seeds. Tables 3 and 4 are of the study's ``one`` piece; the last tables are
-of whole pieces that a policy has not seen. A dash is what was not run.
+of whole pieces that a policy has not seen. A dash is what was not run. An F1 within 0.05 of that of
+resting hands is marked as the floor.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from sb3_piano.training.evaluation.statistics import summarize
 KEPT = HERE / "results.json"
 COLUMNS = ("cell", "F1", "interval", "onset F1", "resting hands", "report's F1", "runs")
 OF_ONE_PIECE = ("Table 3", "Table 4")
+FLOOR = 0.05
+"""An F1 by so much above that of resting hands, or less, is no playing."""
 
 Results = dict[str, dict[str, list[float]]]
 """By run, such as ``table_2/hindsight/scale-CMajor_seed_0``, and piece: F1, onset F1, and the F1 of
@@ -111,7 +114,8 @@ def measured(cell: str, pieces: Sequence[str], results: Results) -> list[str]:
     low, high = f1.interval or (min(seeds), max(seeds))
     interval = "-" if low == high else f"{low:.3f} to {high:.3f}"
     means = (f"{each.mean:.3f}" for each in (onset_f1, resting))
-    return [f"{f1.mean:.3f}", interval, *means, str(sum(map(len, found)))]
+    floor = " floor" if f1.mean < resting.mean + FLOOR else ""
+    return [f"{f1.mean:.3f}{floor}", interval, *means, str(sum(map(len, found)))]
 
 
 def print_row(*cells: str) -> None:

@@ -101,6 +101,7 @@ def _result(run: RunFolder) -> Result:
         "resting hands": resting["return"],
         "return / step": mean["return"] / mean["length"],
         "F1": mean["f1"],
+        "resting F1": resting["f1"],
         "onset F1": mean["onset_f1"],
         **logged,
     }

@@ -5,7 +5,7 @@
 
 The runs are those of ``run.py`` and, where a folder is gone, those that results.json has kept.
 Where a cell was trained from several seeds, means are shown. A dash is what was not run, or what
-the paper does not have.
+the paper does not have. An F1 within 0.05 of that of resting hands is marked as the floor.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ COLUMNS = {
     "return / step": "{:.2f}",
     "F1": "{:.3f}",
     "onset F1": "{:.3f}",
+    "resting F1": "{:.3f}",
     "Q": "{:.1f}",
     "paper's Q": "{:.1f}",
     "actor loss": "{:.1f}",
@@ -38,6 +39,8 @@ COLUMNS = {
     "paper's critic loss": "{:.2f}",
     "seeds": "{:.0f}",
 }
+FLOOR = 0.05
+"""An F1 by so much above that of resting hands, or less, is no playing."""
 
 
 def main() -> None:
@@ -94,7 +97,11 @@ def resting_return(cell: Cell) -> float:
 
 def shown(values: Mapping[str, float], column: str) -> str:
     """Return a number as text."""
-    return COLUMNS[column].format(values[column]) if column in values else "-"
+    if column not in values:
+        return "-"
+    text = COLUMNS[column].format(values[column])
+    resting = values.get("resting F1", 0.0)
+    return f"{text} floor" if column == "F1" and values["F1"] < resting + FLOOR else text
 
 
 def print_row(first: str, others: Iterable[str]) -> None:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy, ContinuousCritic
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from torch import nn
@@ -110,7 +110,7 @@ class _OffPolicyHands(_Hands):
     """Mixin for off-policy algorithms, whose critics take actions."""
 
     actor: Any
-    critic: ContinuousCritic
+    critic: Any
     _defaults: ClassVar[dict[str, Any]] = {
         "net_arch": {"pi": [384, 384, 384], "qf": [256, 256]},
         "dropout": 0.0,

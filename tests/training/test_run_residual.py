@@ -142,17 +142,6 @@ def test_a_run_is_trained_on_and_its_folder_has_all_that_it_needs(base, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algo", ["td3", "ppo"])
-def test_other_algorithms_correct_it_too(base, algo):
-    entry = yaml.safe_load(FINE_TUNING[algo].read_text())["default"]
-    own = {"n_steps": 8} if algo == "ppo" else {"learning_starts": 16, "buffer_size": 64}
-    brief = {name: BRIEF[name] for name in ("n_envs", "vec_env", "n_timesteps", "batch_size")}
-    brief |= {"callback": entry["callback"][:1], **own}
-    config = load_fine_tuning(algo, player="base", seed=0, **brief)
-    assert train(config, "run", progress_bar=False).num_timesteps >= 40
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("agents", [False, True])
 def test_of_a_run_that_sees_hands_each_hand_is_corrected_by_one_network(base, agents):
     config = dataclasses.replace(

@@ -215,6 +215,7 @@ def test_an_exported_run_has_copies_of_its_pieces(config, corpus, tmp_path):
     assert [one.mean for one in found.by_piece] == [one.mean for one in expected.by_piece]
 
 
+@pytest.mark.slow
 def test_a_run_is_judged_by_the_mean_over_its_pieces(run, corpus):
     found = evaluate(run.path, 2)
     pieces = [corpus / f"{pitch}.mid" for pitch in (60, 62, 64)]
@@ -238,6 +239,7 @@ def test_a_run_is_judged_by_the_mean_over_its_pieces(run, corpus):
     assert files == [None if file is None else file.name for file in found.performances]
 
 
+@pytest.mark.slow
 def test_what_is_written_of_several_pieces_is_compared(run, tmp_path):
     found = evaluate(run.path, 2)
     pairs = compare(run.path, run.path).metrics[0].pairs
@@ -258,6 +260,7 @@ class FailsOn62(gym.Wrapper):
         return self.env.step(action)
 
 
+@pytest.mark.slow
 def test_a_piece_that_fails_is_named_and_the_others_are_evaluated(run, corpus):
     before = evaluate(run.path).metrics_file.read_text()
     own = run.read_config()
@@ -282,6 +285,7 @@ def test_a_piece_that_fails_is_named_and_the_others_are_evaluated(run, corpus):
     assert "62.mid" in failure.reason
 
 
+@pytest.mark.slow
 def test_the_commands_tell_of_the_files_and_count_the_episodes_of_all_pieces(
     run, tmp_path, monkeypatch, capsys
 ):

@@ -235,6 +235,7 @@ def test_a_run_whose_hands_are_agents_is_recorded(base, recorded):
     assert played.episodes[0]["f1"] == evaluate(run.path).mean["f1"]
 
 
+@pytest.mark.slow
 def test_what_sees_or_acts_around_a_correction_is_not_recorded(base):
     config = correcting(n_timesteps=2, learning_starts=100)
     bounds = {"min_action": -1, "max_action": 1}
@@ -267,6 +268,7 @@ def test_the_left_hand_is_corrected_in_the_mirror(base):
         assert slopes.min(axis=0)[1] == pytest.approx(-0.03, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_runs_own_piece(base, capsys):
     Path("brief.yml").write_text(yaml.safe_dump({GENERAL_ID: {**BRIEF, "callback": []}}))
     command = ["train", "--from", "base", "--config", "brief.yml", "--steps", "4", "--out", "run"]

@@ -141,6 +141,7 @@ def test_where_no_key_is_pressed_there_is_silence_and_no_midi_file(piano_run, mi
     assert len(samples) / rate == pytest.approx(26 * 0.05)  # 1.2 s: 25 steps, 26 pictures
 
 
+@pytest.mark.slow
 def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
     run = piano_run(LOUD).path
     played = play_run(run, score=PIECE, picture=None)
@@ -196,6 +197,7 @@ def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(piano_run, tmp_path, 
     assert printed.err == ""
 
 
+@pytest.mark.slow
 def test_notes_are_as_loud_as_keys_were_struck_unless_all_are_to_be_equal(tmp_path, capsys):
     command = ["play", "CMajorScaleOneHand", "--physics", "fast", "--no-video", "--out"]
     assert main([*command, str(tmp_path / "struck")]) == 0

@@ -159,6 +159,7 @@ TINY = {
 }
 
 
+@pytest.mark.slow
 def test_of_several_environments_one_is_copied_to_be_judged():
     callback = F1Callback(eval_freq=2)
     venv = DummyVecEnv([lambda: Pixels(Excerpt(piano(), length=0.2), 40, 40)] * 2)
@@ -166,6 +167,7 @@ def test_of_several_environments_one_is_copied_to_be_judged():
     assert len(callback.evaluations_metrics) == 1
 
 
+@pytest.mark.slow
 def test_a_run_may_normalise_what_stands_beside_the_picture(tmp_path):
     config = RunConfig(
         algo="sac",

@@ -78,15 +78,17 @@ _clusters = []
 
 
 @pytest.fixture
-def ray_cluster():
+def ray_cluster(monkeypatch):
     """A cluster of Ray with two nodes of a core each, the first of which is the head.
 
-    Who takes a node away adds another one. Tests of it that follow each other share it.
+    Who takes a node away adds another one. Tests of it that follow each other share it; its
+    programs find what those of studies import.
     """
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
     if not _clusters:
+        monkeypatch.setenv("PYTHONPATH", str(REFERENCE.parents[1] / "tuning"), prepend=os.pathsep)
         node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 2**27}
         _clusters.append(Cluster(initialize_head=True, head_node_args=node))
         _clusters[0].add_node(**node)

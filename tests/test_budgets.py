@@ -56,7 +56,7 @@ LONG_WORK_LINES = 3_079
 TOTALS = {
     "core": {"lines": 50_390, "modules": 336, "names": 227},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
-    "tests": {"lines": 41_755},
+    "tests": {"lines": 41_415},
 }
 
 

@@ -215,6 +215,7 @@ def test_the_transitions_follow_those_of_the_episode_and_are_the_replay_s(goal_t
     assert model.logger.name_to_value["hindsight/sounding"] == pytest.approx(sounding)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("train_freq", [1, 7])
 @pytest.mark.parametrize("vector", [DummyVecEnv, ThreadVecEnv])
 def test_of_two_environments_rows_are_added_when_both_have_some(vector, train_freq):
@@ -298,6 +299,7 @@ STACKS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "wrapper"), STACKS.values(), ids=STACKS)
 def test_nothing_changes_the_score_of_what_was_played(options, wrapper, relabelled):
     wrapper = wrapper or (lambda env: env)

@@ -353,6 +353,7 @@ def test_a_stage_that_starts_over_has_no_evaluations(write_piano, run, tmp_path)
 # The folder.
 
 
+@pytest.mark.slow
 @tables("stages, options, message")
 def test_what_has_begun_keeps_its_settings(begun, write, stages, options, message):
     again, _ = begun

@@ -74,20 +74,36 @@ class Recording:
         return rewards, info
 
 
-@pytest.fixture(scope="session")
-def ray_cluster():
+_clusters = []
+
+
+@pytest.fixture
+def ray_cluster(monkeypatch):
     """A cluster of Ray with two nodes of a core each, the first of which is the head.
 
-    Who takes a node away adds another one.
+    Who takes a node away adds another one. Tests of it that follow each other share it; its
+    programs find what those of studies import.
     """
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
-    node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 2**27}
-    cluster = Cluster(initialize_head=True, head_node_args=node)
-    cluster.add_node(**node)
-    yield cluster
-    cluster.shutdown()
+    if not _clusters:
+        monkeypatch.setenv("PYTHONPATH", str(REFERENCE.parents[1] / "tuning"), prepend=os.pathsep)
+        node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 2**27}
+        _clusters.append(Cluster(initialize_head=True, head_node_args=node))
+        _clusters[0].add_node(**node)
+    return _clusters[0]
+
+
+def is_on_ray(item: pytest.Item | None) -> bool:
+    return item is not None and ("ray_cluster" in item.fixturenames or "on Ray" in item.name)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """End a cluster after the last test of it: its programs are busy also while nobody asks."""
+    if _clusters and not is_on_ray(nextitem):
+        _clusters.pop().shutdown()
 
 
 @pytest.fixture(scope="module")
@@ -125,8 +141,11 @@ def tell(record_property) -> Callable[[str], None]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes longest: at the end no process of pytest waits for another's minute."""
-    items.sort(key=lambda item: item.path.name != "test_site.py")
+    """Begin with what takes longest: at the end no process of pytest waits for another's minute.
+
+    Then come the tests on a cluster, all of them in one process of pytest.
+    """
+    items.sort(key=lambda item: (item.path.name != "test_site.py", not is_on_ray(item)))
 
 
 def pytest_collection_finish() -> None:

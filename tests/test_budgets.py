@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_000
 TOTALS = {
     "core": {"lines": 50_278, "modules": 334, "names": 225},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
-    "tests": {"lines": 41_755},
+    "tests": {"lines": 41_415},
 }
 
 

@@ -22,57 +22,7 @@ tables = Tables(__file__)
 PACKAGE = Path(sb3_piano.__file__).parent
 ROOT = Path(__file__).parents[1]
 
-# The rooms, each of which imports only from those before it.
-ROOMS = [
-    "text",
-    "exceptions",
-    "imports",
-    "user_data",
-    "registration",
-    "settings",
-    "links",
-    "unfinished",
-    "files",
-    "arrays",
-    "plain_yaml",
-    "array_files",
-    "locks",
-    "interrupts",
-    "threads",
-    "orphans",
-    "jobs",
-    "layers",
-    "engine",
-    "hands",
-    "music",
-    "simulation",
-    "reading",
-    "metrics",
-    "performance",
-    "viewing",
-    "take",
-    "envs",
-    "planning",
-    "wrappers",
-    "interop",
-    "policies",
-    "buffers",
-    "vec_env",
-    "players",
-    "batch",
-    "demonstrations",
-    "callbacks",
-    "hyperparams",
-    "training",
-    "pipelines",
-    "tuning",
-    "cli",
-    "lab",
-]
-
-
-LAB = ["music", "distillation", "results", "bench", "web", "video", "commands"]
-"""Rooms of the lab, likewise."""
+ROOMS, LAB = tables["rooms"], tables["lab"]
 
 
 PACKAGES = [r for r in (*ROOMS, *(f"lab/{r}" for r in LAB)) if (PACKAGE / r).is_dir()]

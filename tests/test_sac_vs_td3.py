@@ -9,32 +9,19 @@ from pathlib import Path
 
 import pytest
 import yaml
+from yaml_rows import Tables
 
 from sb3_piano.music import PianoRoll, load_score
 from sb3_piano.training import RunFolder, load_config
+
+tables = Tables(__file__)
 
 FOLDER = Path(__file__).parents[1] / "examples" / "sac_vs_td3"
 FILES = sorted(FOLDER.glob("*/*.yml"))
 CELL = "td3/d_major"
 STEPS = 500  # three episodes of this cell, and the beginning of a fourth
 
-PIECES = {
-    "c_major": ("RoboPianist-debug-CMajorScaleTwoHands-v0", "C major"),
-    "d_major": ("RoboPianist-debug-DMajorScaleTwoHands-v0", "D major"),
-    "nocturne": ("RoboPianist-repertoire-ChopinNocturneOp9No2-v0", "Nocturne"),
-}
-CHANGES = {
-    "": [],
-    "_shift_2": [("PitchShift", {"semitones": 2})],
-    "_shift_5": [("PitchShift", {"semitones": 5})],
-    "_shift_3": [("PitchShift", {"semitones": 3})],
-    "_shift_7": [("PitchShift", {"semitones": 7})],
-    "_stretch_2": [("TemporalStretch", {"factor": 2.0})],
-    "_stretch_05": [("TemporalStretch", {"factor": 0.5})],
-    "_36_keys": [("KeyRange", {"keys": 36, "outside": "hide"})],
-    "_piece_keys": [("KeyRange", {"keys": "piece"})],
-    "_regularized": [],
-}
+PIECES, CHANGES = tables["pieces"], tables["changes"]
 POLICIES = {"sac": "RegularizedSACPolicy", "td3": "RegularizedTD3Policy"}
 
 
@@ -64,7 +51,7 @@ def test_a_cell_holds_what_its_name_says_and_what_its_algorithm_has(file):
     env_id, words = PIECES[piece]
     config = config_of(file)
     assert (config.algo, config.env_id) == (file.parent.name, env_id)
-    wrappers = [(plugin.path.rpartition(".")[2], plugin.kwargs) for plugin in config.env_wrapper]
+    wrappers = {plugin.path.rpartition(".")[2]: plugin.kwargs for plugin in config.env_wrapper}
     change = file.stem.removeprefix(piece)
     assert wrappers == CHANGES[change]
     regularized = f"sb3_piano.policies.{POLICIES[config.algo]}"

@@ -23,6 +23,7 @@ from nbformat import NotebookNode
 _LINK = re.compile(r"(?<=\w)\.ipynb(?=\)|#[^)\s]*\))")
 
 _STEPS = re.compile(r"^STEPS = [\d_]+", re.M)
+_PICTURE = re.compile(r"Picture\([^)]*\)")
 
 TIMEOUT = 300
 """Time that a cell may take, s."""
@@ -52,6 +53,7 @@ def _pages(uri: str, text: str) -> tuple[tuple[str, str | bytes], ...]:
     steps = os.environ.get("NOTEBOOK_STEPS")  # for tests: how long a notebook trains at most
     for cell in notebook.cells if steps else ():
         cell.source = _STEPS.sub(f"STEPS = {steps}", cell.source)
+        cell.source = _PICTURE.sub("Picture(width=160, height=90, fps=20)", cell.source)
     with tempfile.TemporaryDirectory() as folder:  # runs and videos are written there
         place = {"metadata": {"path": folder}}
         NotebookClient(notebook, timeout=TIMEOUT, resources=place).execute()

@@ -53,6 +53,7 @@ def drawn(venv, steps, **settings):
     return seen.found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "second"), [({}, {1, 2, 3, 4, 5}), ({"cumulative": False}, {4, 5})]
 )

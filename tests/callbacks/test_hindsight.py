@@ -153,7 +153,7 @@ def performance_of(key_active, sustain, press_finger):
 
 def test_the_roll_of_a_score_by_steps_is_what_was_played():
     random = np.random.default_rng(0)
-    for _ in range(100):
+    for _ in range(30):
         steps, share = random.integers(1, 400), random.choice([0.001, 0.02, 0.5, 0.9])
         keys = random.random((steps, 88)) < share
         pedal = random.random(steps) < 0.5
@@ -236,6 +236,7 @@ def test_the_transitions_follow_those_of_the_episode_and_are_the_replay_s(goal_t
     assert model.logger.name_to_value["hindsight/sounding"] == pytest.approx(sounding)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("train_freq", [1, 7])
 @pytest.mark.parametrize("vector", [DummyVecEnv, ThreadVecEnv])
 def test_of_two_environments_rows_are_added_when_both_have_some(vector, train_freq):
@@ -319,6 +320,7 @@ STACKS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "wrapper"), STACKS.values(), ids=STACKS)
 def test_nothing_changes_the_score_of_what_was_played(options, wrapper, relabelled):
     wrapper = wrapper or (lambda env: env)

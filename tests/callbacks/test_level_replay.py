@@ -161,30 +161,25 @@ class TestScores:
         assert_scores_of_rows(model, callback, decay=decay)
         assert model.replay_buffer.timeouts.any()
 
-    @pytest.mark.parametrize("kind", ["mappings", "ended by a wrong key"])
-    def test_they_are_so_of_mappings_and_of_episodes_that_were_not_cut_off(self, kind):
+    @pytest.mark.parametrize("kind", ["mappings", "ended by a wrong key", "normalised"])
+    def test_they_are_so_of_mappings_of_episodes_that_were_not_cut_off_and_normalised(self, kind):
         # the fingers fall on wrong keys soon
         long = [piece("a", 40), piece("b", 50)]
         venv, steps = on_pieces(long, wrong_press_termination=True), 200
         if kind == "mappings":
             venv, steps = DummyVecEnv([lambda: as_dict(piano())]), 60
+        elif kind == "normalised":
+            venv, steps = VecNormalize(on_pieces(THREE)), 60
+            for _ in range(20):
+                venv.reset()
+                for _ in range(3):
+                    venv.step([venv.action_space.sample()])
+            venv.training = False
         callback, model = Scores(), model_of(venv)
         model.learn(steps, callback=callback)
         assert_scores_of_rows(model, callback)
         ended = model.replay_buffer.dones.astype(bool)
-        assert (model.replay_buffer.timeouts[ended] == 0).any() == (kind != "mappings")
-
-    def test_under_vec_normalize_all_is_normalised(self):
-        venv = VecNormalize(on_pieces(THREE))
-        for _ in range(20):
-            venv.reset()
-            for _ in range(3):
-                venv.step([venv.action_space.sample()])
-        venv.training = False
-        callback = Scores()
-        model = model_of(venv)
-        model.learn(60, callback=callback)
-        assert_scores_of_rows(model, callback)
+        assert (model.replay_buffer.timeouts[ended] == 0).any() == kind.startswith("ended")
 
     def test_hands_as_agents_share_the_piece(self):
         options = {"observation": "hands", "reduced_action_space": False}
@@ -241,7 +236,7 @@ class TestDraws:
     @pytest.mark.parametrize("count", [7, 8, 9])
     def test_two_environments_do_not_draw_the_same_unseen_piece(self, count):
         pieces = NINE[:count]
-        for seed in range(3):
+        for seed in range(2):
             callback, seen = LevelReplayCallback(), Played()
             model = model_of(on_pieces(pieces, pieces, pieces), seed=seed)
             model.learn(3 * 24, callback=[callback, seen])
@@ -310,6 +305,7 @@ class TestReproducibility:
         assert model._n_updates > 0
         return seen.titles, callback.state_dict()
 
+    @pytest.mark.slow
     def test_equal_seeds_give_equal_runs_in_every_vector(self):
         first = self.trained(DummyVecEnv)
         assert self.trained(DummyVecEnv) == first
@@ -360,6 +356,7 @@ def saved_state(run):
     return state
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_with_its_scores_and_visits(config, tmp_path):
     result = train(config, tmp_path / "run", progress_bar=False, callbacks=[ActAt(60, "SIGINT")])
     assert (result.interrupted, result.num_timesteps) == (True, 60)
@@ -424,6 +421,9 @@ class TestDistribution:
             "c": 0.7 * 3 / 11,
         }
         assert sampler.probabilities() == pytest.approx(expected)
+        # Ranks and ages count among the levels that may be drawn.
+        found = sampler.probabilities(["a", "c"])
+        assert found == pytest.approx({"a": 0.7 / 3 + 0.3, "c": 0.7 * 2 / 3})
         sampler.visit("a")  # ages 0, 2, 1
         assert sampler.probabilities()["a"] == pytest.approx(0.7 * 2 / 11)
         assert sampler.probabilities()["b"] == pytest.approx(0.7 * 6 / 11 + 0.3 * 2 / 3)
@@ -437,11 +437,6 @@ class TestDistribution:
         for name in "ab":
             only.rate(name, 1.0)  # as after a restart amid the first episodes
         assert only.probabilities() == {"a": 0.5, "b": 0.5}
-
-    def test_ranks_and_ages_count_among_the_levels_that_may_be_drawn(self):
-        sampler = sampler_of({"a": 1.0, "b": 3.0, "c": 2.0}, beta=1.0, rho=0.3)
-        found = sampler.probabilities(["a", "c"])
-        assert found == pytest.approx({"a": 0.7 / 3 + 0.3, "c": 0.7 * 2 / 3})
 
     @given(
         st.lists(st.floats(0, 1e6), min_size=1, max_size=20),
@@ -458,14 +453,11 @@ class TestDistribution:
 
 
 class TestUnseen:
-    def test_unseen_levels_come_first_and_are_equally_likely(self):
+    def test_unseen_levels_come_first_but_one_that_is_being_played(self):
         sampler = sampler_of({"a": 9.0, "b": None, "c": None})
         assert sampler.unseen() == ["b", "c"]
         assert sampler.probabilities() == {"a": 0.0, "b": 0.5, "c": 0.5}
         assert sampler.probabilities(["a"]) == {"a": 1.0}
-
-    def test_one_that_is_being_played_is_not_drawn_a_second_time(self):
-        sampler = sampler_of({"a": 9.0, "b": None, "c": None})
         sampler.visit("b")
         assert sampler.unseen({"b"}) == ["c"]
         assert sampler.probabilities(playing={"b"}) == {"a": 0.0, "b": 0.0, "c": 1.0}

@@ -23,6 +23,7 @@ def trained(algorithm, callbacks, steps=90, env="Pendulum-v1", **settings):
     return model.learn(steps, callback=callbacks, log_interval=10**6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [SAC, TD3, TQC, CrossQ])
 def test_the_value_is_logged_and_the_training_is_the_same(algorithm):
     noted = last_logged()

@@ -70,6 +70,7 @@ def in_itself(file):
     file["episode_0/infos/a"] = file["episode_0/infos/b"] = file["episode_0/infos"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
     [

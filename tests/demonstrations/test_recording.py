@@ -86,6 +86,7 @@ def test_the_label_is_what_the_policy_would_do_in_the_disturbed_state(piano):
         assert np.abs(episode.actions).max() <= 1
 
 
+@pytest.mark.slow
 def test_equal_seeds_record_the_same_and_others_something_else(piano):
     """Starts, noise, and what a player draws."""
     env = PerturbedStart(piano(), 0.05)

@@ -44,7 +44,7 @@ def _sleep(file: Path) -> None:
         file.write_text("told", encoding="utf-8")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def address(ray_cluster) -> Iterator[str]:
     this = sys.modules[__name__]
     ray.cloudpickle.register_pickle_by_value(this)  # which the nodes do not have

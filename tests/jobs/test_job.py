@@ -239,6 +239,7 @@ def test_a_damaged_result_is_named(tmp_path):
         finish([job], Here())
 
 
+@pytest.mark.slow
 def test_a_second_process_waits_for_the_first_and_does_not_do_it_again(tmp_path):
     (job, *_) = jobs_in(tmp_path, pause=0.02)
     with open_executor(2) as pool:

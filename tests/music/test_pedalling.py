@@ -29,16 +29,10 @@ def spans(pedals):
     return [(round(pedal.onset, 3), round(pedal.offset, 3)) for pedal in pedals]
 
 
-def test_the_pedal_comes_up_with_a_new_harmony_and_goes_down_after_it():
+def test_the_pedal_stays_down_while_a_harmony_lasts_and_comes_up_with_a_new_one_and_at_rests():
     score = chords(C_MAJOR, G_MAJOR, C_MAJOR)
     assert spans(legato_pedal(score)) == [(0.1, 1.0), (1.1, 2.0), (2.1, 3.0)]
-
-
-def test_it_stays_down_while_a_harmony_lasts():
     assert spans(legato_pedal(chords(C_MAJOR, C_MAJOR))) == [(0.1, 2.0)]
-
-
-def test_it_comes_up_at_rests():
     late = [(start + 2.0, end + 2.0, pitch, finger) for start, end, pitch, finger in C_ONCE]
     assert spans(legato_pedal(score_of(*C_ONCE, *late))) == [(0.1, 1.0), (2.1, 3.0)]
 

@@ -130,6 +130,7 @@ def test_another_order_of_the_shards_makes_the_same_bytes(corpus, tmp_path):
     assert bytes_of(again) == bytes_of(corpus)
 
 
+@pytest.mark.slow
 def test_a_truncated_shard_is_found_and_made_again_and_nothing_else(executor, tmp_path):
     config = CorpusConfig(**{**SETTINGS, "players": ("sight-reader",), "shard": 2})
     corpus = record_corpus(config, tmp_path / "corpus", executor=executor)

@@ -247,6 +247,7 @@ def test_stages_take_several_pieces(write_piano, run):
 # Going on.
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_and_the_same_call_goes_on(write, run):
     file = write(
         PENDULUM, {**PENDULUM, "callback": act_at(30, "SIGINT"), "with_buffer": True}, PENDULUM
@@ -263,6 +264,7 @@ def test_ctrl_c_stops_and_the_same_call_goes_on(write, run):
     assert load_curriculum(result[0].job.folder.parent).seed == 1
 
 
+@pytest.mark.slow
 def test_paths_that_begin_at_the_working_folder_are_no_obstacle(write, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     alone = load_curriculum(write(PENDULUM))
@@ -318,6 +320,7 @@ def crashed(write_piano, run, tmp_path):
     return again
 
 
+@pytest.mark.slow
 def test_after_a_crash_evaluations_of_a_lost_model_are_forgotten_and_the_saved_one_may_be_the_last(
     crashed, tmp_path
 ):
@@ -349,6 +352,7 @@ def test_a_stage_that_starts_over_has_no_evaluations(write_piano, run, tmp_path)
 # The folder.
 
 
+@pytest.mark.slow
 @tables("stages, options, message")
 def test_what_has_begun_keeps_its_settings(begun, write, stages, options, message):
     again, _ = begun
@@ -370,6 +374,7 @@ def begun(write, run):
     return run, result
 
 
+@pytest.mark.slow
 def test_stages_that_have_not_begun_may_change(begun, write):
     again, _ = begun
     file = write(PENDULUM, STOPPED, {**PENDULUM, "gamma": 0.5}, {**PENDULUM, "name": "last"})

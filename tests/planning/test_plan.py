@@ -1,7 +1,6 @@
 """Plans: what has to be true of every one of them, in all kinds of scenes."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -17,12 +16,15 @@ from short_pieces import (
     roll_of,
 )
 from short_scores import score_of
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.fingering import without_fingers
 from sb3_piano.planning import PlanSettings, plan
+
+tables = Tables(__file__)
 
 PIECE = five_fingers()
 NEARLY = 0.001  # m; the travel of a key is ten times that, and keys that are held push back
@@ -182,17 +184,7 @@ def test_a_piece_may_be_as_short_as_a_control_step(steps):
     assert np.isfinite(made.commands).all()
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ({"hover": math.nan}, "hover is nan: expected a finite number"),
-        ({"hold_depth": "deep"}, "hold_depth is 'deep': expected a finite number"),
-        ({"feedback": True}, "feedback is True"),
-        ({"rounds": 0}, "rounds is 0: expected a whole number, 1 or more"),
-        ({"window": -1.0}, "window is -1.0: expected a finite number above 0"),
-        ({"passes": -1}, "passes is -1: expected a whole number, 0 or more"),
-    ],
-)
+@tables("options, told")
 def test_impossible_settings_are_refused_by_name(options, told):
     with pytest.raises(ConfigError, match=told):
         PlanSettings(**options)

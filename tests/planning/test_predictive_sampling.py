@@ -8,11 +8,14 @@ import pytest
 from episodes import play_episode
 from sampling_parts import HELD, TUNE, UNLABELLED, WEAK, make_env, make_player, make_search, play
 from stable_baselines3.common.vec_env import DummyVecEnv
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.music import Score
 from sb3_piano.planning.sampling import SamplingCost, SamplingNoise
 from sb3_piano.players.planned import PlannedPianist
+
+tables = Tables(__file__)
 
 
 def test_actions_are_those_of_the_action_space_however_wild_the_noise():
@@ -163,19 +166,7 @@ def test_after_the_last_step_there_is_no_action():
         player.predict(np.zeros(env.observation_space.shape))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"nominal": "plans"}, "nominal is 'plans': expected one of 'plan', 'none'.*'plan'"),
-        ({"samples": 0}, "samples is 0: expected a whole number, 1 or more"),
-        ({"samples": 2.5}, "samples is 2.5"),
-        ({"horizon": 0}, "horizon is 0: expected a whole number, 1 or more"),
-        ({"seed": -1}, "seed is -1: expected a whole number, 0 or more"),
-        ({"physics": "quick"}, "Unknown physics profile 'quick'"),
-        ({"n_threads": 0}, "n_threads is 0: expected a whole number, 1 or more"),
-        ({"plan": "plan.npz"}, r"plan is 'plan.npz' and nominal 'none': expected"),
-    ],
-)
+@tables("options, message")
 def test_wrong_arguments_are_named(options, message):
     with pytest.raises(ConfigError, match=message):
         make_player(make_env(), **options)

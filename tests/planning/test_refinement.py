@@ -78,6 +78,7 @@ def test_what_is_told_of_a_plan_is_how_it_sounds_on_stage(made, env):
         assert searching.plan is made, "there was no time for a pass"
 
 
+@pytest.mark.slow
 def test_a_refined_plan_sounds_better_and_on_stage_as_it_was_found(found, file, env):
     _, f1, before = found
     assert f1 > before

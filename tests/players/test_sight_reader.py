@@ -17,7 +17,6 @@ from sb3_piano.lab.music.corpus import HELD_OUT
 from sb3_piano.music import Note, Score, load_score
 from sb3_piano.players import HandModel, SightReader, make_player
 from sb3_piano.players.hand_model import SHIPPED
-from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.policies import (
     HandsActorCriticPolicy,
     HandsSACPolicy,
@@ -229,15 +228,6 @@ def test_a_file_that_is_no_network_of_a_hand_is_refused(model, tmp_path):
 
 class Elbow(Block):
     name, meaning = "elbow", "nothing that a hand knows"
-
-
-def test_players_are_made_by_name():
-    env = piano()
-    assert isinstance(make_player("planned", env), PlannedPianist)
-    shipped = make_player("sight-reader", env)
-    assert len(play(env, shipped)[1]) == len(env.roll)
-    with pytest.raises(ConfigError, match=r"Unknown player 'sightreader'. Did you mean 'sight-r"):
-        make_player("sightreader", env)
 
 
 @pytest.mark.parametrize("piece", ["scale-DbMajor", "hanon-11"])

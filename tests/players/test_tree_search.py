@@ -153,9 +153,11 @@ def test_the_environment_is_not_touched_and_ends_as_it_would():
 
 
 def test_equal_seeds_play_alike_and_others_do_not():
-    def played(seed):
-        env = piano()
-        player = TreeSearch(untrained(env), env, TreeSettings(simulations=30, depth=2), seed=seed)
+    def played(seed, first=None):
+        env, shape = piano(), TreeSettings(simulations=30, depth=2)
+        player = TreeSearch(untrained(env), env, shape, seed=seed if first is None else first)
+        if first is not None:
+            player.set_random_seed(seed)
         observation, _ = env.reset(seed=0)
         actions = []
         for _ in range(4):
@@ -166,6 +168,7 @@ def test_equal_seeds_play_alike_and_others_do_not():
 
     first = played(1)
     np.testing.assert_array_equal(first, played(1))
+    np.testing.assert_array_equal(first, played(1, first=5))
     assert np.abs(first - played(2)).max() > 0
 
 

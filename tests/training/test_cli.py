@@ -41,7 +41,7 @@ def _in_an_empty_folder(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, capsys, episodes_of):
     train = ["train", "--midi", midi_file.name, "--config", "small.yml", "--seed", "3"]
-    assert main([*train, "--no-progress", "--evaluate"]) == 0
+    assert main([*train, "--no-progress", "--evaluate", "--play"]) == 0
     out = capsys.readouterr().out
     run = tmp_path / "runs" / "sac" / "RoboPianist-v0_1"
     assert "Trained for 60 steps." in out
@@ -50,6 +50,7 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     assert "sb3-piano evaluate runs/sac/RoboPianist-v0_1" in out
     assert "  F1  " in out
     assert "no-op baseline" in out
+    assert (run / "play" / "performance.wav").is_file()
     episodes = episodes_of(run / "monitor")
     # 1.2 s in steps of 0.05 s, and one in which all is silent again
     assert [episode["l"] for episode in episodes] == [25, 25]
@@ -63,6 +64,8 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     resume = ["train", "--resume", str(run), "--steps", "8e1", "--no-progress", "--algo", "sac"]
     assert main(resume) == 0
     assert "Trained for 80 steps." in capsys.readouterr().out
+    assert main(["train", "--resume", str(run)]) == 0
+    assert "has done 80 of 80 steps: nothing is left to do" in capsys.readouterr().out
 
 
 def test_fingers_are_found_for_a_file_without_labels_and_others_when_it_is_trained_on(tmp_path):
@@ -100,14 +103,6 @@ def test_options_reach_the_run(tmp_path, capsys):
     assert (config["n_envs"], config["vec_env"]) == (2, "dummy")
     segments = (tmp_path / "elsewhere/ddpg/Pendulum-v1_1/checkpoint").glob("replay-*")
     assert sorted(path.name for path in segments) == ["replay-0-10.npz", "replay-10-20.npz"]
-
-
-def test_a_finished_run_says_so(capsys):
-    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--out", "run"]
-    assert main([*small, "--no-progress"]) == 0
-    capsys.readouterr()
-    assert main(["train", "--resume", "run"]) == 0
-    assert "has done 60 of 60 steps: nothing is left to do" in capsys.readouterr().out
 
 
 def test_presets_and_environments_are_listed_with_what_they_are_for(capsys):

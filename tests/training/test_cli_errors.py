@@ -96,14 +96,7 @@ def test_a_file_of_a_run_is_not_taken_for_a_piece(folder, capsys):
     assert told in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("command", "note", "error"),
-    [
-        ("train --run a --resume b", "--run is now --out", "--out cannot be given with --resume"),
-        ("evaluate no --score=Waltz", "--score is now --pieces", "Unknown piece 'Waltz'"),
-        ("results measure --players no", "--players is now --player", "'no'"),
-    ],
-)
+@tables("command, note, error")
 def test_former_names_of_options_are_taken_with_a_note(command, note, error, folder, capsys):
     assert main(command.split()) == 2
     first, second = capsys.readouterr().err.splitlines()

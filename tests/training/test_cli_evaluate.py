@@ -292,6 +292,7 @@ def test_equal_pairs_are_said_to_be_left_out_of_the_test(call, evaluations):
     assert "too narrow" not in out
 
 
+@pytest.mark.slow
 def test_a_run_on_several_pieces_has_its_means(piano_run, call, tmp_path):
     piano_run(LOUD, physics="fast")
     command = "evaluate run --metric f1 recall --json all.json"
@@ -310,6 +311,7 @@ def test_a_run_on_several_pieces_has_its_means(piano_run, call, tmp_path):
     assert "mean over pieces" not in call(f"{command} --pieces CMajorChordProgressionTwoHands")[1]
 
 
+@pytest.mark.slow
 def test_means_are_also_those_without_pieces_played_as_by_resting_hands(piano_run, tmp_path):
     run = piano_run(LOUD, physics="fast").path
     found = evaluate_runs(

@@ -127,7 +127,6 @@ def test_what_a_run_cannot_be_told_is_refused(pendulum_run, capsys):
 
 @pytest.mark.slow
 def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
-    pytest.importorskip("sb3_piano.players.planned")
     arguments = ["--episodes", "2", "--set", "physics=fast"]
     assert main(["record", midi_file.name, *arguments, "--no-progress"]) == 0
     out = capsys.readouterr().out

@@ -102,14 +102,6 @@ def test_equal_means_are_no_difference_however_many_episodes_they_are_from(writt
     assert found.test.no_test == "fewer than 2 pairs differ"
 
 
-def test_pairs_are_counted_without_and_with_the_equal_ones(written):
-    f1s = dict(zip("VWXYZ", (0.5, 0.6, 0.1, 0.5, 0.9), strict=True))
-    a = written("a.json", {name: episodes(0.5) for name in f1s})
-    b = written("b.json", {name: episodes(f1) for name, f1 in f1s.items()})
-    found = compare(a, b).to_json()["metrics"]["f1"]
-    assert (found["n_a_below_b"], found["n_a_not_above_b"]) == (2, 4)
-
-
 def test_the_main_metrics_are_compared_unless_others_are_named(written):
     more = {"recall": 0.5, "onset_f1": 0.2, "return": 3.0}
     a = written("a.json", {"Scale": episodes(0.1, **more)})

@@ -73,8 +73,6 @@ def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, mi
     assert evaluation.performances == (None,)
     assert {path.name for path in folder.evaluation_dir.iterdir()} == {"metrics.json"}
     assert evaluation.mean == pytest.approx(evaluation.baseline, rel=1e-3, abs=1e-3)
-    assert evaluation.baseline["precision"] == 1.0
-    assert evaluation.baseline["recall"] < 0.1
 
 
 @pytest.mark.slow

@@ -5,12 +5,9 @@ import json
 import pickle
 import resource
 import sys
-import textwrap
 
-import numpy as np
 import pytest
 import yaml
-from fresh_python import run_python
 from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError, RunError
@@ -20,28 +17,6 @@ from sb3_piano.take import Take
 from sb3_piano.training import evaluate, export_run, load_player
 
 tables = Tables(__file__)
-
-FRESH = """
-    import pickle, sys
-
-    def refused(*arguments, **named):
-        raise AssertionError("unpickled")
-
-    import torch
-    from sb3_piano.training import load_player
-
-    class Refused(pickle.Unpickler):  # torch derives classes of its own from it
-        __init__ = refused
-
-    pickle.load = pickle.loads = torch.load = refused
-    pickle.Unpickler = Refused
-    def hook(event, arguments):
-        if event in ("pickle.find_class", "os.system", "os.exec", "subprocess.Popen"):
-            raise AssertionError(event)
-    sys.addaudithook(hook)
-    with load_player("exported") as player:
-        print(repr(player.play()[0].metrics["f1"]))
-"""
 
 
 class Evil:
@@ -60,16 +35,6 @@ def exported(pendulum_run, tmp_path, monkeypatch):
 def change(folder, **settings):
     content = yaml.safe_load(folder.config_file.read_text())
     folder.config_file.write_text(yaml.safe_dump({**content, **settings}))
-
-
-@pytest.mark.slow
-def test_a_fresh_process_without_pickle_has_the_same_f1(piano_run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run = piano_run(np.linspace(-0.5, 0.5, 39), physics="fast")
-    export_run(run.path, "exported", episodes=1, picture=None)
-    done = run_python(["-c", textwrap.dedent(FRESH)], tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout) == evaluate(run.path).mean["f1"]
 
 
 def test_the_card_has_the_figures_of_the_evaluation_in_the_format_of_the_hub(exported):

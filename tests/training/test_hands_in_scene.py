@@ -7,7 +7,7 @@ from sb3_piano.training import evaluate, load_config, train
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hands", ["right", "left", "none"])
+@pytest.mark.parametrize("hands", ["right", "none"])
 def test_a_run_is_trained_judged_watched_and_reported(hands, midi_file, tmp_path, capsys):
     small = {"n_timesteps": 32, "n_envs": 1, "n_steps": 16, "batch_size": 16, "n_epochs": 1}
     small |= {"policy_kwargs": {"net_arch": [8]}, "callback": []}

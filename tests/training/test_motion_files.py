@@ -14,6 +14,7 @@ from sb3_piano.training import evaluate
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 
 PIECE = "debug-CMajorScaleOneHand"
+MOTIONS = ["performance_1.npz", "performance_2.npz"]
 
 
 @pytest.mark.slow
@@ -45,16 +46,17 @@ def test_an_episode_is_written_as_it_moved(piano_run, midi_file):
 
 
 @pytest.mark.slow
-def test_each_episode_has_its_file_and_stale_ones_go(piano_run):
-    run = piano_run(LOUD)
-    evaluation = evaluate(run.path, episodes=3, motion=True)
-    names = [f"performance_{number}.npz" for number in (1, 2, 3)]
-    assert [path.name for path in evaluation.motions] == names
-    assert json.loads(evaluation.metrics_file.read_text())["motions"] == names
-    evaluation = evaluate(run.path, episodes=1)
-    assert evaluation.motions == ()
-    assert not list(run.evaluation_dir.glob("*.npz"))
-    assert json.loads(evaluation.metrics_file.read_text())["motions"] == []
+def test_each_episode_has_its_file_which_the_command_lists_and_stale_ones_go(
+    piano_run, capsys, monkeypatch, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    folder = piano_run(LOUD).evaluation_dir
+    for more, names in ((["--episodes", "2", "--motion"], MOTIONS), ([], [])):
+        assert main(["evaluate", "run", *more]) == 0
+        listed = "Motion:      run/evaluation/performance_1.npz and 1 more\n"
+        assert (listed in capsys.readouterr().out) == bool(names)
+        assert json.loads((folder / "metrics.json").read_text())["motions"] == names
+        assert sorted(path.name for path in folder.glob("*.npz")) == names
 
 
 def test_only_a_run_s_own_piece_on_a_piano_has_motion(piano_run, pendulum_run, midi_file):
@@ -68,14 +70,3 @@ def test_only_a_run_s_own_piece_on_a_piano_has_motion(piano_run, pendulum_run, m
     pendulum = pendulum_run("pendulum")
     with pytest.raises(ConfigError, match="is of no piano: expected no motion=True"):
         evaluate(pendulum.path, motion=True)
-
-
-@pytest.mark.slow
-def test_the_command_writes_and_lists_the_files(piano_run, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    piano_run(LOUD)
-    assert main(["evaluate", "run", "--episodes", "2", "--motion"]) == 0
-    out = capsys.readouterr().out
-    assert "Motion:      run/evaluation/performance_1.npz and 1 more\n" in out
-    assert main(["evaluate", "run"]) == 0
-    assert "Motion:" not in capsys.readouterr().out

@@ -168,13 +168,3 @@ def test_every_command_that_plays_takes_the_best_model(evaluated_run, capsys):
     page = (folder.evaluation_dir / "report.html").read_text(encoding="utf-8")
     assert "best by f1" in page
     assert f"sb3-piano report {run} --seed 0 --best f1" in page
-
-
-@pytest.mark.slow
-def test_a_training_may_end_with_what_the_model_plays(tmp_path, midi_file):
-    run = tmp_path / "run"
-    settings = "RoboPianist-v0: {n_timesteps: 5, policy: MlpPolicy, buffer_size: 10}"
-    (tmp_path / "tiny.yml").write_text(settings)
-    command = ["train", "--midi", str(midi_file), "--config", str(tmp_path / "tiny.yml")]
-    assert main([*command, "--out", str(run), "--no-progress", "--play"]) == 0
-    assert (run / "play" / "performance.wav").is_file()

@@ -142,17 +142,6 @@ def test_a_run_is_trained_on_and_its_folder_has_all_that_it_needs(base, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algo", ["td3", "ppo"])
-def test_other_algorithms_correct_it_too(base, algo):
-    entry = yaml.safe_load(FINE_TUNING[algo].read_text())["default"]
-    own = {"n_steps": 8} if algo == "ppo" else {"learning_starts": 16, "buffer_size": 64}
-    brief = {name: BRIEF[name] for name in ("n_envs", "vec_env", "n_timesteps", "batch_size")}
-    brief |= {"callback": entry["callback"][:1], **own}
-    config = load_fine_tuning(algo, player="base", seed=0, **brief)
-    assert train(config, "run", progress_bar=False).num_timesteps >= 40
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("agents", [False, True])
 def test_of_a_run_that_sees_hands_each_hand_is_corrected_by_one_network(base, agents):
     config = dataclasses.replace(
@@ -246,6 +235,7 @@ def test_a_run_whose_hands_are_agents_is_recorded(base, recorded):
     assert played.episodes[0]["f1"] == evaluate(run.path).mean["f1"]
 
 
+@pytest.mark.slow
 def test_what_sees_or_acts_around_a_correction_is_not_recorded(base):
     config = correcting(n_timesteps=2, learning_starts=100)
     bounds = {"min_action": -1, "max_action": 1}
@@ -278,6 +268,7 @@ def test_the_left_hand_is_corrected_in_the_mirror(base):
         assert slopes.min(axis=0)[1] == pytest.approx(-0.03, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_runs_own_piece(base, capsys):
     Path("brief.yml").write_text(yaml.safe_dump({GENERAL_ID: {**BRIEF, "callback": []}}))
     command = ["train", "--from", "base", "--config", "brief.yml", "--steps", "4", "--out", "run"]

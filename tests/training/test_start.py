@@ -117,7 +117,9 @@ def begin(tmp_path):
     return make
 
 
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize(
+    "algo", [pytest.param(a, marks=pytest.mark.slow) if a != "sac" else a for a in ALGORITHMS]
+)
 def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, begin, algo):
     run = source(algo)
     saved = run.read_config().algorithm.load(run.model_file)
@@ -138,6 +140,7 @@ def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, be
     assert group["weight_decay"] == 0.25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", ["auto", 0.3])
 def test_the_entropy_coefficient_may_begin_anew(config, source, begin, before):
     run = source(algorithm_kwargs={"ent_coef": before})
@@ -220,6 +223,7 @@ def test_a_training_that_is_resumed_keeps_its_own_networks_and_is_not_seeded_aga
     assert np.diff(watched.updates).tolist() == [1] * 19
 
 
+@pytest.mark.slow
 def test_statistics_of_observations_come_along(config, source, begin, tmp_path):
     begun = start(source(normalize=True))
     watched = begin(config(normalize=True, callback=begun, n_timesteps=10))
@@ -252,6 +256,7 @@ def test_settings_are_those_of_the_run_with_what_is_given(config, source):
     assert again.callback[0].kwargs["with_buffer"] is True
 
 
+@pytest.mark.slow
 def test_a_start_from_a_run_that_started_from_another_one_has_one_start(config, source, tmp_path):
     begun = config(callback=start(source()))
     second = train(begun, tmp_path / "second", progress_bar=False).folder

@@ -26,22 +26,16 @@ def test_the_title_is_on_the_left_the_f1_on_the_right_and_the_rest_as_it_was():
     assert not written("Für Elise", 0.93)[60:].any()
 
 
-def test_a_long_title_is_shortened_to_half_of_the_width():
+def test_a_long_title_is_shortened_to_half_of_the_width_and_what_does_not_fit_is_left_out():
     long = columns(written("Sonata quasi una fantasia " * 5))
     assert 300 < long.max() < 450
-
-
-def test_a_title_of_which_nothing_fits_is_left_out():
     assert not written("Für Elise", shape=(480, 16, 3)).any()
+    assert not written("Für Elise", 0.93, shape=(120, 200, 3)).any()
 
 
 def test_letters_of_other_languages_are_drawn_and_not_replaced():
     shapes = {written(letter)[:60, :60].tobytes() for letter in "üřžçñß\u0e01"}
     assert len(shapes) == 7
-
-
-def test_a_small_picture_has_no_caption():
-    assert not written("Für Elise", 0.93, shape=(120, 200, 3)).any()
 
 
 def test_the_legend_is_at_the_foot_and_the_lamp_of_the_pedal_lights_up():

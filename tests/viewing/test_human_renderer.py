@@ -118,6 +118,7 @@ def test_without_a_screen_the_error_says_what_to_do(no_screen):
         env.reset(seed=0)
 
 
+@pytest.mark.slow
 def test_a_screen_that_cannot_be_reached_is_an_error_and_no_endless_wait(no_screen):
     no_screen.setenv("DISPLAY", ":4711")
     done = run_python("from sb3_piano.viewing.human_renderer import check_screen\ncheck_screen()")

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-import torch
 from browser_tab import PHONE, Tab
 from report_parts import C4, E4, long_performance, metrics_of, resting, three_notes
 from short_scores import score_of
 from yaml_rows import Tables
 
-from sb3_piano.training import RunConfig, train, write_report
 from sb3_piano.viewing.report import Curve, Report, report_html, score_html
 
 pytestmark = pytest.mark.slow
@@ -187,13 +185,3 @@ def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page
     assert tab.page.evaluate("document.getElementById('piano-roll').layout.dragmode") is False
     tab.page.tap("button[data-view=later]")
     assert roll.view()[0] > first
-
-
-def test_the_report_of_a_run_opens(tab, roll, tmp_path):
-    torch.set_num_threads(1)
-    config = RunConfig(**tables["run"])
-    run = train(config, tmp_path / "run", progress_bar=False).folder
-    tab.open(write_report(run.path))
-    assert tab.page.locator("h1").inner_text() == "TwinkleTwinkleLittleStar"
-    thumbs = tab.page.locator("button[data-mark=due-thumb]").inner_text()
-    assert roll.count("due-thumb") == int(thumbs.split()[-1]) > 0

@@ -87,7 +87,7 @@ def test_it_draws_the_scene_in_which_other_keys_are_rigid_now():
     env.close()
 
 
-def filled(kind, env, size=40, steps=60):
+def filled(kind, env, size=12, steps=20):
     """Return a replay buffer after some steps, over several episodes."""
     buffer = kind(size, env.observation_space, env.action_space, device="cpu", n_envs=1)
     random = np.random.default_rng(0)
@@ -122,7 +122,7 @@ class TestBuffer:
 
     def test_it_takes_half_of_the_memory(self, env, tell):
         ours, theirs = (
-            filled(kind, env, size=400, steps=40)
+            filled(kind, env, size=400, steps=5)
             for kind in (CompactDictReplayBuffer, DictReplayBuffer)
         )
         arrays = (*theirs.observations.values(), *theirs.next_observations.values())
@@ -135,9 +135,9 @@ class TestBuffer:
 
     def test_its_rows_are_saved_and_put_back(self, env):
         buffer = filled(CompactDictReplayBuffer, env)
-        rows = np.arange(40)
+        rows = np.arange(12)
         saved = {name: np.array(part) for name, part in buffer_rows(buffer).take_rows(rows).items()}
-        fresh = CompactDictReplayBuffer(40, env.observation_space, env.action_space, device="cpu")
+        fresh = CompactDictReplayBuffer(12, env.observation_space, env.action_space, device="cpu")
         fresh.put_rows(rows, saved)
         fresh.pos, fresh.full = buffer.pos, buffer.full
         assert_equal_batches(buffer, fresh)
@@ -159,6 +159,7 @@ TINY = {
 }
 
 
+@pytest.mark.slow
 def test_of_several_environments_one_is_copied_to_be_judged():
     callback = F1Callback(eval_freq=2)
     venv = DummyVecEnv([lambda: Pixels(Excerpt(piano(), length=0.2), 40, 40)] * 2)
@@ -166,6 +167,7 @@ def test_of_several_environments_one_is_copied_to_be_judged():
     assert len(callback.evaluations_metrics) == 1
 
 
+@pytest.mark.slow
 def test_a_run_may_normalise_what_stands_beside_the_picture(tmp_path):
     config = RunConfig(
         algo="sac",
@@ -174,11 +176,11 @@ def test_a_run_may_normalise_what_stands_beside_the_picture(tmp_path):
         policy="MultiInputPolicy",
         env_kwargs={"physics": "fast"},
         env_wrapper=[
-            {"sb3_piano.wrappers.Excerpt": {"length": 0.5}},
+            {"sb3_piano.wrappers.Excerpt": {"length": 0.2}},
             {"sb3_piano.wrappers.Pixels": {"width": 40, "height": 40}},
         ],
         normalize={"norm_obs_keys": ["observation"]},
-        callback=[{"sb3_piano.callbacks.F1Callback": {"eval_freq": 6}}],
+        callback=[{"sb3_piano.callbacks.F1Callback": {"eval_freq": 12}}],
         algorithm_kwargs={**TINY, "replay_buffer_class": CompactDictReplayBuffer},
         seed=0,
     )

@@ -182,6 +182,7 @@ def test_what_comes_after_a_shard_does_not_change_it(tiny):
         assert digest(1, **{name: value}) != digest(1), name
 
 
+@pytest.mark.slow
 def test_a_label_is_what_the_teacher_would_do_in_the_state_that_the_played_actions_led_to(whole):
     config = DistillConfig.from_yaml(whole.folder / "config.yml")
     shard = shards_of(whole.folder, config, 1)[0]
@@ -200,6 +201,7 @@ def test_a_label_is_what_the_teacher_would_do_in_the_state_that_the_played_actio
     env.close()
 
 
+@pytest.mark.slow
 def test_the_network_comes_near_the_labels_and_is_judged_on_other_music(whole):
     config = DistillConfig.from_yaml(whole.folder / "config.yml")
     assert not whole.interrupted
@@ -271,11 +273,24 @@ def test_what_cannot_be_played_is_skipped_and_told(tiny, executor, tmp_path):
     assert all("no music.mid" in why for why in result.rounds[0].skipped.values())
 
 
+@pytest.fixture(scope="module")
+def begun(tiny, executor, tmp_path_factory):
+    """The folder of a distillation that failed at its first step."""
+
+    def fail(*facts):
+        raise ZeroDivisionError
+
+    folder = tmp_path_factory.mktemp("begun")
+    with pytest.raises(ZeroDivisionError):
+        distill(DistillConfig.from_yaml(tiny), folder, executor=executor, on_progress=fail)
+    return folder
+
+
 @tables("changes, error, message")
-def test_what_does_not_go_together_is_refused_at_once(whole, tiny, changes, error, message):
+def test_what_does_not_go_together_is_refused_at_once(begun, tiny, changes, error, message):
     config = DistillConfig.from_yaml(tiny, **changes)
     with pytest.raises(getattr(exceptions, error), match=message):
-        distill(config, whole.folder)
+        distill(config, begun)
 
 
 def test_the_model_of_a_run_teaches_if_it_sees_what_the_learner_sees(tiny, tmp_path):

@@ -82,7 +82,7 @@ def test_its_share_of_the_generated_excerpts_brings_the_hands_together():
 
 
 def test_excerpts_are_of_their_length_and_sources_of_their_weight():
-    corpus = Corpus(n=200, duration=6.0)
+    corpus = Corpus(n=60, duration=6.0)
     scores = list(corpus)
     assert all(0.3 < score.duration <= 6 + 1e-9 for score in scores)
     assert all(score.notes[0].onset < 0.5 for score in scores)
@@ -93,10 +93,10 @@ def test_excerpts_are_of_their_length_and_sources_of_their_weight():
 
 
 def test_held_out_pieces_never_occur_not_even_transposed():
-    corpus = Corpus(sources={"studies": 1.0}, n=200)
+    corpus = Corpus(sources={"studies": 1.0}, n=60)
     assert not {source(score) for score in corpus} & set(HELD_OUT)
     held_out = tuple(f"scale-{key}Major" for key in ("C", "Db", "D", "Eb", "E", "F", "Gb", "G"))
-    few = Corpus(sources={"studies": 1.0}, n=200, held_out=held_out)
+    few = Corpus(sources={"studies": 1.0}, n=110, held_out=held_out)
     majors = [score for score in few if source(score).endswith("Major")]
     scales = [score for score in majors if source(score).startswith("scale-")]
     openings = {score.notes[0].pitch % 12 for score in scales if "from 0.0 s" in score.title}
@@ -105,7 +105,7 @@ def test_held_out_pieces_never_occur_not_even_transposed():
 
 
 def test_fingers_stay_where_a_piece_is_not_transposed():
-    corpus = Corpus(sources={"studies": 1.0}, n=100)
+    corpus = Corpus(sources={"studies": 1.0}, n=30)
     for score in corpus:
         semitones = int(score.title.split()[1])
         assert score.has_fingering == (semitones % 12 == 0)
@@ -113,7 +113,7 @@ def test_fingers_stay_where_a_piece_is_not_transposed():
 
 
 def test_short_names_hold_out_and_lists_are_welcome():
-    corpus = Corpus(sources={"repertoire": 1.0}, held_out=["FurElise"], n=100)
+    corpus = Corpus(sources={"repertoire": 1.0}, held_out=["FurElise"], n=60)
     assert "repertoire-FurElise" not in corpus.names["repertoire"]
     assert len(corpus.names["repertoire"]) == 11
     assert {source(score) for score in corpus} == set(corpus.names["repertoire"])

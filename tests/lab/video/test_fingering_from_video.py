@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from yaml_rows import Tables
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
@@ -20,6 +21,8 @@ from sb3_piano.music import MIN_PITCH, Note, Score, synthesize, write_midi, writ
 from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.viewing.video import write_video
+
+tables = Tables(__file__)
 
 cv2 = pytest.importorskip("cv2")
 
@@ -110,13 +113,7 @@ def test_the_keyboard_is_found_by_its_black_keys(picture, plane, turn):
         np.testing.assert_allclose(found.to_pixels([(u, v)])[0], there, atol=4)
 
 
-@pytest.mark.parametrize(
-    ("shown", "told"),
-    [
-        ("nothing", "No keyboard is found: only 0 black keys"),
-        ("three octaves", "fit several octaves: expected all 88 keys in view"),
-    ],
-)
+@tables("shown, told")
 def test_who_is_not_sure_of_the_keyboard_says_so(picture, plane, shown, told):
     seen = np.full_like(picture, 110)
     if shown == "three octaves":
@@ -231,12 +228,12 @@ def files(tmp_path_factory, picture, plane, tune):
     """A folder with a video of the tune, with and without sound, landmarks, score and labels."""
     folder = tmp_path_factory.mktemp("concert")
     heard = moved(tune, lambda t: t + 0.7)
-    n = int(4 * (heard.duration + 1))
+    n = int(heard.duration + 1)
     write_wav(folder / "sound.wav", synthesize(heard))
     for name, sound in (("film.mp4", folder / "sound.wav"), ("mute.mp4", None)):
         frames = (picture for _ in range(n))
-        write_video(folder / name, frames, fps=4, audio=sound, size=(1280, 720))
-    hands_of(heard, plane, np.arange(0, n / 4, 1 / 30), 0.3).write(folder / "hands.npz")
+        write_video(folder / name, frames, fps=1, audio=sound, size=(1280, 720))
+    hands_of(heard, plane, np.arange(0, n, 1 / 30), 0.3).write(folder / "hands.npz")
     write_midi(unlabelled(tune), folder / "tune.mid")
     rows = [f"{note.onset},{note.pitch},{note.finger}" for note in tune.notes]
     (folder / "truth.csv").write_text("\n".join(["onset,pitch,finger", *rows]))
@@ -267,22 +264,7 @@ def test_the_command_writes_labels_and_a_page(concert, tune, capsys):
     assert "macro F1" in page
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ("none.mp4 tune.mid", "'none.mp4' cannot be read as a video"),
-        ("tune.mid tune.mid", "'tune.mid' cannot be read as a video"),
-        ("film.mp4 tune.mid", "no landmarks 'fingers_landmarks.npz': expected --landmarks"),
-        ("film.mp4 tune.mid --detector none", "--detector 'none' cannot be run"),
-        ("film.mp4 tune.mid --detector false", "The detector failed: .*mediapipe==0.10.21"),
-        ("film.mp4 tune.mid --landmarks tune.mid", "'tune.mid' has no landmarks"),
-        ("film.mp4 tune.mid --corners 1 2 3 4", "--corners 1 2 3 4: expected four pairs"),
-        ("film.mp4 tune.mid --keys C2 C7", "--keys is given without --corners"),
-        ("film.mp4 tune.mid --least 2", "least.*2"),
-        ("film.mp4 tune.mid --landmarks hands.npz --out no/a/b.csv", "no/a"),
-        ("mute.mp4 tune.mid --landmarks hands.npz", "No sound can be read .*--offset"),
-    ],
-)
+@tables("options, told")
 def test_what_cannot_be_done_is_told_and_nothing_is_written(concert, options, told, capsys):
     assert main(["fingering-from-video", *options.split()]) == 2
     error = capsys.readouterr().err

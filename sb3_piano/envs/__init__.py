@@ -11,7 +11,6 @@ from sb3_piano.envs.observation import ObservationSpace
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.record import EnvState as EnvState
 from sb3_piano.envs.record import Snapshot as Snapshot
-from sb3_piano.envs.recorder import EpisodeRecorder
 from sb3_piano.envs.score_choice import ScoreTransform as ScoreTransform
 from sb3_piano.envs.terms import DEFAULT_REWARD_WEIGHTS, StepView, Term
 from sb3_piano.envs.terms import RETURN_KEYS as RETURN_KEYS
@@ -30,7 +29,6 @@ __all__ = [
     "GENERAL_ID",
     "SELF_ACTUATED_ID",
     "Block",
-    "EpisodeRecorder",
     "ObservationSpace",
     "Performance",
     "PianoEnv",

@@ -14,11 +14,11 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.exceptions import EnvStateError
 from sb3_piano.metrics import Presses, frame_f1, presses_of
 from sb3_piano.metrics.episode import RETURN_PREFIX, normalized_return
 from sb3_piano.metrics.fingers import KeyBoxes, nearest_fingers
+from sb3_piano.metrics.onsets import OpenOnsets
 from sb3_piano.metrics.presses import press_times, step_shares, strike_speeds
 from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER

@@ -11,6 +11,7 @@ from sb3_piano.wrappers.piano import LayoutWrapper
 from sb3_piano.wrappers.pixels import Pixels
 from sb3_piano.wrappers.previous_action_reward import PreviousActionReward
 from sb3_piano.wrappers.random_piece import RandomPiece
+from sb3_piano.wrappers.recorder import EpisodeRecorder
 from sb3_piano.wrappers.rewards import (
     FingeringDecay,
     KeyRewardTiering,
@@ -22,6 +23,7 @@ from sb3_piano.wrappers.score_wrapper import ScoreWrapper
 from sb3_piano.wrappers.transforms import OctaveShift, PitchShift, TemporalStretch
 
 __all__ = [
+    "EpisodeRecorder",
     "Excerpt",
     "FingeringDecay",
     "HandActions",

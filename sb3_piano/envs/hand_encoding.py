@@ -11,15 +11,8 @@ import numpy as np
 from sb3_piano.arrays import Arrays, Float32Array, FloatArray, IntArray
 from sb3_piano.envs.blocks import Encoding, Now, Write
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.encodings import (
-    DM_PER_M,
-    FARTHEST,
-    JOINT_OVERSHOOT,
-    JOINTS_MEANING,
-    Blocks,
-    check_labels,
-)
-from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
+from sb3_piano.envs.encodings import DM_PER_M, check_labels, joint_facts
+from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, described
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
@@ -53,6 +46,8 @@ MOST_TIME = 2.0
 
 FASTEST = 50.0
 """Largest observed velocity, rad/s, or m/s."""
+
+_AHEAD = {"frames": FRAMES_AHEAD, "places": PLACES_AHEAD, "busy": BUSY_AHEAD, "line": LINE_AHEAD}
 
 CLIP = 10.0
 """Networks clip standardised observations here, so that no outlier dominates the others."""
@@ -102,114 +97,26 @@ class HandEncoding(Encoding):
         self.black = np.pad(KEY_IS_BLACK.astype(np.float32), _MARGIN)
         self.around = (_AROUND * self.sign.astype(np.intp))[:, None] + _MARGIN  # (h, 1, 3)
         self._key_state = np.zeros(NUM_KEYS + 2 * _MARGIN)
-        blocks = self._of_hand(*scene.joint_range[0].T)  # also of the mirrored left hand
-        of_hand = ObservationLayout(block for block, _ in blocks)
+        blocks = _blocks(scene)
+        of_hand = ObservationLayout(blocks)
         self.at = {name: block.slice for name, block in of_hand.items()}
         """Place of each block among the numbers of a hand."""
+        self._shapes = {block.name: block.shape for block in blocks}
         self._size = of_hand.size
-        named = [replace(b, name=f"{side}_{b.name}") for side in scene.sides for b, _ in blocks]
-        super().__init__(blocks, ObservationLayout(named))
+        named = [replace(b, name=f"{side}_{b.name}") for side in scene.sides for b in blocks]
+        super().__init__(ObservationLayout(named), {**_WRITERS, "keys": self._write_keys})
 
-    def _of_hand(self, lowest: FloatArray, highest: FloatArray) -> Blocks:
-        """List the blocks of a hand; their functions write the numbers of all hands."""
-        far, late, fingers, blocks = FARTHEST, MOST_TIME, self._fingers, Blocks()
-
-        def add(
-            write: Write | None, low: Any = -far, high: Any = far, unit: str = "dm", **facts: Any
-        ) -> None:
-            block = ObservationBlock(low=low, high=high, unit=unit, binary=write is None, **facts)
-            blocks.append((block, write))
-
-        low, high, joints = lowest - JOINT_OVERSHOOT, highest + JOINT_OVERSHOOT, lowest.shape
-        unit, meaning = "rad, m of sliders", JOINTS_MEANING
-        add(_write_positions, low, high, unit, name="positions", shape=joints, meaning=meaning)
-        add(
-            _write_velocities,
-            -FASTEST,
-            FASTEST,
-            "rad/s, m/s of sliders",
-            name="velocities",
-            shape=joints,
-            meaning=f"velocities of the joint positions, clipped at {FASTEST:g}",
-        )
-        add(
-            _write_fingertips,
-            name="fingertips",
-            shape=(fingers, 3),
-            meaning="centres of the fingertips, thumb to little finger: x towards the player, y "
-            "from the arm to the little finger's side, z up",
-        )
-        add(
-            _write_frames,
-            (*[-far] * 3, 0.0),
-            (*[far] * 3, 10.0),
-            "dm (3), 1",
-            name="frames",
-            shape=(len(FRAMES_AHEAD), fingers, 4),
-            meaning=f"for the states after {_listed(FRAMES_AHEAD)} control steps and each finger: "
-            "the vector from the present position of its tip to the target, and the target's "
-            "weight; 0 without a target",
-        )
-        add(
-            _write_presses,
-            (*[-far] * 3, 0.0, -late, -late, *[0.0] * 5, -late, -late),
-            (*[far] * 3, 1.0, late, late, *[1.0] * 5, late, late),
-            "dm (3), 1, s (2), 1 (5), s (2)",
-            name="presses",
-            shape=(PRESSES_AHEAD, fingers, _COLUMNS),
-            meaning="for each finger's present or next press, then the one after it: the vector to "
-            "the place of its tip when the key is down; the key's angle over its largest angle; "
-            "times until the planned press begins and ends, negative if past, clipped at "
-            f"{late:g}; 1 if the finger has such a press, if the key is black, if the hand leaps "
-            "before it, if it leaps after it, if the finger strikes the same key again at once; "
-            "times until the written note begins and ends, which leaps can shorten in the plan",
-        )
-        add(
-            self._write_keys,
-            (*[0.0] * 9, -200.0),
-            (*[1.0] * 9, 200.0),
-            "1 (9), cm",
-            name="keys",
-            shape=(fingers, 10),
-            meaning="for the key nearest to each fingertip and its neighbours on the thumb's and "
-            "on the little finger's side (in the order neighbour, key, neighbour): angles over "
-            "their largest angles; 1 if due; 1 if black; then the distance from the fingertip to "
-            "the nearest key, positive to the little finger's side",
-        )
-        add(
-            _write_from_arm,
-            name="places",
-            shape=PLACES_AHEAD.shape,
-            meaning="target place of the hand relative to the arm, positive to the little finger's "
-            f"side, in the states after {_listed(PLACES_AHEAD)} control steps",
-        )
-        meaning = f"1 if the hand plays at about {_listed(BUSY_AHEAD)} control steps from now"
-        add(None, 0.0, 1.0, "1", name="busy", shape=BUSY_AHEAD.shape, meaning=meaning)
-        add(
-            _write_from_arm,
-            name="line",
-            shape=LINE_AHEAD.shape,
-            meaning="bound that the arm must stay beyond, relative to the arm, positive to the "
-            f"little finger's side, in the states after {_listed(LINE_AHEAD)} control steps",
-        )
-        meaning = "distance from the left arm to the right arm, positive to the right"
-        add(_write_other_arm, name="other_arm", shape=(1,), meaning=meaning)
-        return blocks
-
-    def split(self, numbers: Float32Array) -> list[Float32Array]:
+    def split(self, numbers: Float32Array) -> dict[str, Float32Array]:
         """Split observations, (..., n), into a view for each block, with all hands."""
-        rows = numbers.reshape(*numbers.shape[:-1], -1, self._size)
-        return [
-            rows[..., self.at[block.name]].reshape(*rows.shape[:-1], *block.shape)
-            for block, _ in self._blocks
-        ]
+        hands = numbers[..., : self._size * len(self._sides)]
+        rows = hands.reshape(*hands.shape[:-1], -1, self._size)
+        return {
+            name: rows[..., self.at[name]].reshape(*rows.shape[:-1], *shape)
+            for name, shape in self._shapes.items()
+        }
 
-    def prepare(self, roll: PianoRoll) -> None:
-        """Set the piece to play; see :meth:`Encoding.prepare`.
-
-        A :class:`~sb3_piano.exceptions.PlanWarning` names notes without a finger, as hands have too
-        few. These notes are not played.
-        """
+    def _read(self, roll: PianoRoll) -> None:
+        """Set the piece; a ``PlanWarning`` names notes without a finger, which are not played."""
         if not (roll.finger >= 0).any():
             check_labels(roll, "hands")
         self.read(roll)
@@ -358,9 +265,28 @@ def _write_other_arm(out: Float32Array, now: _Moment) -> None:
     out[:] = now.arm + now.other_arm
 
 
-def _listed(numbers: IntArray) -> str:
-    *first, last = numbers.tolist()
-    return f"{', '.join(map(str, first))} and {last}"
+_WRITERS: dict[str, Write] = {
+    "positions": _write_positions,
+    "velocities": _write_velocities,
+    "fingertips": _write_fingertips,
+    "frames": _write_frames,
+    "presses": _write_presses,
+    "places": _write_from_arm,
+    "line": _write_from_arm,
+    "other_arm": _write_other_arm,
+}
+"""Functions of the blocks, which write the numbers of all hands, by name."""
+
+
+def _blocks(scene: PianoScene) -> list[ObservationBlock]:
+    """Describe the blocks of a hand, also of the mirrored left one."""
+    names = ("positions", "velocities", "fingertips", "frames", "presses", "keys", "places", "busy")
+    facts: dict[str, Any] = {"late": MOST_TIME, "fastest": FASTEST, "n_presses": PRESSES_AHEAD}
+    facts |= {"fingers": len(scene.hand.fingers), **joint_facts(scene, scene.joint_range[0])}
+    for name, ahead in _AHEAD.items():
+        *first, last = ahead.tolist()
+        facts |= {f"n_{name}": len(ahead), name: f"{', '.join(map(str, first))} and {last}"}
+    return [described(name, facts) for name in (*names, "line", "other_arm")]
 
 
 _KEY, _TIMES, _POINT, _THERE = 0, slice(1, 3), slice(3, 6), 6

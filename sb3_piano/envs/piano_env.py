@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from sb3_piano.engine import mujoco
 from sb3_piano.envs.actions import ActionMap
-from sb3_piano.envs.blocks import AddedBlocks, Encoding
+from sb3_piano.envs.blocks import Encoding
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
 from sb3_piano.envs.episode_end import LimitRef, StepInfo, ends_by_limit, time_limits
@@ -497,8 +497,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self.encoding = _make_encoding(config, self.scene, self.goal.asked)
         """Encoding that writes the observations of this episode."""
         if config.observation_blocks:
-            blocks = [block(self.scene, config) for block in config.observation_blocks]
-            self.encoding = AddedBlocks(self.encoding, blocks)
+            self.encoding.add([block(self.scene, config) for block in config.observation_blocks])
         self.encoding.prepare(self.goal.asked)
         self._clear_episode()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,8 +20,8 @@ from sb3_piano.simulation import PianoScene, Simulation
 if TYPE_CHECKING:
     from sb3_piano.envs.config import PianoEnvConfig
 
-Write = Callable[[Float32Array, Any], object]
-"""Function that writes the numbers of a block that depend on the state into its array."""
+Parts = dict[str, Float32Array]
+"""Views of the numbers of each block, by name."""
 
 
 class Now(NamedTuple):
@@ -36,17 +36,16 @@ class Now(NamedTuple):
 
 
 class Encoding:
-    """Writes observations of one layout.
+    """Base class of writers of observations of one layout.
 
-    The numbers of a block that depend on the piece alone are computed when it is prepared. The
-    block's :data:`Write` function then overwrites or changes them in each step.
+    A subclass computes the numbers that depend on the piece alone in :meth:`_read`. In each step
+    they are in the parts of the observation that :meth:`_write` then overwrites or changes.
     """
 
-    def __init__(self, layout: ObservationLayout, writers: Mapping[str, Write]):
-        """Take the layout, and the functions of the blocks that depend on the state, by name."""
+    def __init__(self, layout: ObservationLayout):
+        """Take the layout."""
         self.layout = layout
         """Layout of the observation."""
-        self._writers = writers
         self._known: dict[str, Float32Array] = {}
         self._added: list[tuple[Block, Float32Array]] = []  # and its numbers of the piece
 
@@ -60,19 +59,18 @@ class Encoding:
         self._added = [(block, np.empty(0, np.float32)) for block in blocks]
 
     @functools.cached_property
-    def _page(self) -> tuple[Float32Array, list[Any], list[Any], list[Any]]:
-        """Array that each step overwrites, and its parts with what is written there."""
+    def _page(self) -> tuple[Float32Array, Parts, list[Any], list[Any]]:
+        """Array that each step overwrites, its parts, and those known or added with their rows."""
         page = np.zeros(self.layout.size, dtype=np.float32)
         parts, added = self.split(page), []
         for block, rows in self._added:
             added.append((page[self.layout[block.name].slice].reshape(block.shape), block, rows))
-        known = [(parts[name], rows) for name, rows in self._known.items()]
-        return page, known, [(parts[name], write) for name, write in self._writers.items()], added
+        return page, parts, [(parts[name], rows) for name, rows in self._known.items()], added
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_page"}  # has views
 
-    def split(self, numbers: Float32Array) -> dict[str, Float32Array]:
+    def split(self, numbers: Float32Array) -> Parts:
         """Split observations, (..., n), into a view for each block of the encoding, by name."""
         return {
             name: numbers[..., block.slice].reshape(*numbers.shape[:-1], *block.shape)
@@ -93,6 +91,10 @@ class Encoding:
 
     def _read(self, roll: PianoRoll) -> None:
         """Compute what depends on the piece, and :meth:`_use` it."""
+        raise NotImplementedError
+
+    def _write(self, parts: Parts, now: Now) -> None:
+        """Write the numbers that depend on the state into the parts of the observation."""
         raise NotImplementedError
 
     def _use(self, known: Mapping[str, npt.ArrayLike]) -> None:
@@ -123,12 +125,10 @@ class Encoding:
             ConfigError: If a user's block does not write finite numbers of its shape.
         """
         now = Now(step, simulation, pedal)
-        page, fixed, writers, added = self._page
-        seen = self._look(now)
+        page, parts, fixed, added = self._page
         for out, known in fixed:
             out[...] = known[step]
-        for out, write in writers:
-            write(out, seen)
+        self._write(parts, now)
         for out, block, known in added:
             out[...] = known[step]
             try:
@@ -138,10 +138,6 @@ class Encoding:
             if not np.isfinite(out).all():
                 raise _misfit(block, f"writes {out.tolist()} in control step {step}")
         return page.copy()
-
-    def _look(self, now: Now) -> Any:
-        """Convert the state to the type that the functions of the blocks expect."""
-        return now
 
 
 class Block:

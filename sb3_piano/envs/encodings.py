@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sb3_piano.arrays import Arrays, BoolArray, Float32Array, FloatArray, IntArray
-from sb3_piano.envs.blocks import Encoding, Now, Write
+from sb3_piano.arrays import Arrays, BoolArray, FloatArray, IntArray
+from sb3_piano.envs.blocks import Encoding, Now, Parts
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.observation import (
     ALL_KEYS,
@@ -41,13 +40,12 @@ class RollEncoding(Encoding):
         self._window, self.keys = window, window.slice
         self.rows_shown = config.n_steps_lookahead + 1
         self._fingers = scene.fingers
-        joints, writers = _joints(scene)
+        self._joints = _joints(scene)
         first = ("goal", "fingering") if scene.sides else ("goal",)
         sizes = {"rows": self.rows_shown, "fingers": len(self._fingers)}
         blocks = [described(name, sizes) for name in (*first, "key_state", "sustain")]
-        layout, _ = window.restrict(ObservationLayout([*blocks, *joints]))
-        own = {"goal": self._write_goal, "key_state": self._write_key_state}
-        super().__init__(layout, {**own, "sustain": _write_sustain, **writers})
+        layout = ObservationLayout([*blocks, *_joint_blocks(scene)])
+        super().__init__(window.restrict(layout)[0])
 
     def _read(self, roll: PianoRoll) -> None:
         self._window.check_keys(used_keys(roll))
@@ -62,11 +60,12 @@ class RollEncoding(Encoding):
         """Return goals, padded by the lookahead after the last step, and fingers."""
         return {"fingers": self._labels, "goal": self._goal}
 
-    def _write_goal(self, out: Float32Array, now: Now) -> None:
-        out[...] = self._goal[now.step : now.step + self.rows_shown]
-
-    def _write_key_state(self, out: Float32Array, now: Now) -> None:
-        out[:] = now.simulation.key_state[self.keys]
+    def _write(self, parts: Parts, now: Now) -> None:
+        parts["goal"][...] = self._goal[now.step : now.step + self.rows_shown]
+        parts["key_state"][:] = now.simulation.key_state[self.keys]
+        parts["sustain"][0] = now.pedal
+        for name, qpos in self._joints:
+            parts[name][:] = now.simulation.qpos[qpos]
 
 
 class FingerEncoding(Encoding):
@@ -76,14 +75,13 @@ class FingerEncoding(Encoding):
         """Lay out the observation."""
         self._scene, self._horizon = scene, config.n_steps_lookahead + 1
         self._timestep = config.control_timestep
-        joints, writers = _joints(scene)
+        self._joints = _joints(scene)
         longest = self._horizon * self._timestep
         sizes = {"fingers": len(self._scene.fingers), "horizon": longest}
         sizes["most_wrong"] = MOST_WRONG_KEYS
         names = ("targets", "pedal_goal", "sustain", "wrong_keys")
-        layout = ObservationLayout([*(described(name, sizes) for name in names), *joints])
-        own = {"targets": self._write_targets, "wrong_keys": self._write_wrong_keys}
-        super().__init__(layout, {**own, "sustain": _write_sustain, **writers})
+        blocks = [described(name, sizes) for name in names]
+        super().__init__(ObservationLayout([*blocks, *_joint_blocks(scene)]))
 
     def _read(self, roll: PianoRoll) -> None:
         goals, fingers = FingerGoals.of(roll, self._horizon), self._scene.fingers
@@ -114,30 +112,30 @@ class FingerEncoding(Encoding):
             "known": self.known_rows(),
         }
 
-    def _write_targets(self, out: Float32Array, now: Now) -> None:
-        step, simulation = now.step, now.simulation
+    def _write(self, parts: Parts, now: Now) -> None:
+        step, simulation, targets = now.step, now.simulation, parts["targets"]
         points = simulation.geom_xpos.take(self._geom[step], axis=0) + self._offset[step]
         tips = simulation.fingertips.take(self._scene.fingers, axis=0)
-        out[:, :3] = (points - tips) * self._scale[step]
-        out[:, 3] = simulation.key_state[self._key[step]] * self._there[step]
-
-    def _write_wrong_keys(self, out: Float32Array, now: Now) -> None:
-        wrong = int.from_bytes(now.simulation.sounding) & self._not_due[now.step]
-        out[0] = min(wrong.bit_count(), MOST_WRONG_KEYS)
-
-
-def _write_sustain(out: Float32Array, now: Now) -> None:
-    out[0] = now.pedal
+        targets[:, :3] = (points - tips) * self._scale[step]
+        targets[:, 3] = simulation.key_state[self._key[step]] * self._there[step]
+        wrong = int.from_bytes(simulation.sounding) & self._not_due[step]
+        parts["wrong_keys"][0] = min(wrong.bit_count(), MOST_WRONG_KEYS)
+        parts["sustain"][0] = now.pedal
+        for name, qpos in self._joints:
+            parts[name][:] = simulation.qpos[qpos]
 
 
-def _joints(scene: PianoScene) -> tuple[list[ObservationBlock], dict[str, Write]]:
-    """Make a block of joint positions for each hand, and the functions that write them."""
-    blocks, writers = [], dict[str, Write]()
-    for side, limits, qpos in zip(scene.sides, scene.joint_range, scene.joint_qpos, strict=True):
-        name, facts = f"{side}_joints", joint_facts(scene, limits)
-        blocks.append(described("joints", {**facts, "side": side}, name))
-        writers[name] = functools.partial(_write_joints, qpos)
-    return blocks, writers
+def _joints(scene: PianoScene) -> list[tuple[str, IntArray]]:
+    """List the hands' blocks of joint positions, and where MuJoCo has these."""
+    return [(f"{side}_joints", at) for side, at in zip(scene.sides, scene.joint_qpos, strict=True)]
+
+
+def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
+    """Describe a block of joint positions for each hand."""
+    return [
+        described("joints", {**joint_facts(scene, limits), "side": side}, f"{side}_joints")
+        for side, limits in zip(scene.sides, scene.joint_range, strict=True)
+    ]
 
 
 def joint_facts(scene: PianoScene, limits: FloatArray) -> dict[str, Any]:
@@ -150,10 +148,6 @@ def joint_facts(scene: PianoScene, limits: FloatArray) -> dict[str, Any]:
         "highest": limits[:, 1] + JOINT_OVERSHOOT,
         "forearm": sliders if dofs == scene.hand.forearm_dofs() else ", ".join(dofs),
     }
-
-
-def _write_joints(qpos: IntArray, out: Float32Array, now: Now) -> None:
-    out[:] = now.simulation.qpos[qpos]
 
 
 class FingerGoals(NamedTuple):

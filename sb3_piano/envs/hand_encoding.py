@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from sb3_piano.arrays import Arrays, Float32Array, FloatArray, IntArray
-from sb3_piano.envs.blocks import Encoding, Now, Write
+from sb3_piano.envs.blocks import Encoding, Now, Parts
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import DM_PER_M, check_labels, joint_facts
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, described
@@ -104,9 +104,9 @@ class HandEncoding(Encoding):
         self._shapes = {block.name: block.shape for block in blocks}
         self._size = of_hand.size
         named = [replace(b, name=f"{side}_{b.name}") for side in scene.sides for b in blocks]
-        super().__init__(ObservationLayout(named), {**_WRITERS, "keys": self._write_keys})
+        super().__init__(ObservationLayout(named))
 
-    def split(self, numbers: Float32Array) -> dict[str, Float32Array]:
+    def split(self, numbers: Float32Array) -> Parts:
         """Split observations, (..., n), into a view for each block, with all hands."""
         hands = numbers[..., : self._size * len(self._sides)]
         rows = hands.reshape(*hands.shape[:-1], -1, self._size)
@@ -183,99 +183,45 @@ class HandEncoding(Encoding):
             "scale": self._scale,
         }
 
-    def _look(self, now: Now) -> _Moment:
-        """Compute the inputs that blocks share: joints, arms and fingertips, mirrored."""
+    def _write(self, parts: Parts, now: Now) -> None:
         simulation, data, step = now.simulation, now.simulation.data, now.step
         joints = simulation.qpos[self.qpos] * self.joint_sign
-        # (h, 1): with the sliders at 0 both hands are equally far from the middle.
-        arm = (self.hands[0].middle + self.slope * joints[:, self.slider])[:, None] * DM_PER_M
-        alone = len(arm) == 1  # the absent hand counts as at rest
+        parts["positions"][:] = joints
+        velocities = data.qvel[self.dofs] * self.joint_sign
+        parts["velocities"][:] = np.minimum(np.maximum(velocities, -FASTEST), FASTEST)
+        # (h, 1) dm to the little finger's side. With the sliders at 0 both hands are equally far
+        # from the middle. An absent hand counts as at rest.
+        middle = self.hands[0].middle
+        arm = (middle + self.slope * joints[:, self.slider])[:, None] * DM_PER_M
+        parts["places"][:] -= arm
+        parts["line"][:] -= arm
+        parts["other_arm"][:] = arm + (middle * DM_PER_M if len(arm) == 1 else arm[::-1])
         axes = data.geom_xmat.take(self.tip_geoms, axis=0)[:, 2::3]
         tips = simulation.geom_xpos.take(self.tip_geoms, axis=0) + axes * self.tip_along
-        tips = tips.reshape(-1, self._fingers, 3) * self.mirror
+        tips = tips.reshape(-1, self._fingers, 3) * self.mirror  # (h, f, 3) m
         here = tips * DM_PER_M
-        return _Moment(
-            step=step,
-            joints=joints,
-            velocities=data.qvel[self.dofs] * self.joint_sign,
-            arm=arm,
-            other_arm=self.hands[0].middle * DM_PER_M if alone else arm[::-1],
-            tips=tips,
-            tips_dm=here,
-            ways=(self._target[step] - here[:, None]) * self._scale[step],
-            depths=simulation.key_state[self._press_key[step]] * self._there[step],
-            key_state=simulation.key_state,
-        )
+        # (h, 8, f, 3) dm to the targets in key frames and presses; 0 without a target.
+        ways = (self._target[step] - here[:, None]) * self._scale[step]
+        here[:, :, 1] -= arm
+        parts["fingertips"][:] = here
+        parts["frames"][..., :3] = ways[:, : len(FRAMES_AHEAD)]
+        parts["presses"][..., :3] = ways[:, len(FRAMES_AHEAD) :]
+        depths = simulation.key_state[self._press_key[step]] * self._there[step]
+        parts["presses"][..., 3] = depths
+        self._write_keys(parts["keys"], step, tips, simulation.key_state)
 
-    def _write_keys(self, out: Float32Array, now: _Moment) -> None:
-        across = now.tips[:, :, 1] * self.sign  # (h, f) in the world
+    def _write_keys(
+        self, out: Float32Array, step: int, tips: FloatArray, key_state: FloatArray
+    ) -> None:
+        across = tips[:, :, 1] * self.sign  # (h, f) in the world
         cells = ((across - self.lowest) * (1 / _GRID)).astype(np.intp)
         key = self.nearest.take(cells, mode="clip")
         around = key[:, :, None] + self.around
-        self._key_state[_MARGIN:-_MARGIN] = now.key_state
+        self._key_state[_MARGIN:-_MARGIN] = key_state
         out[..., 0:3] = self._key_state[around]
-        out[..., 3:6] = self._due[now.step][around]
+        out[..., 3:6] = self._due[step][around]
         out[..., 6:9] = self.black[around]
         out[..., 9] = _CM_PER_M * (self.places.y[key] - across) * self.sign
-
-
-class _Moment(NamedTuple):
-    """State of the h hands before a control step, with the left hand mirrored."""
-
-    step: int
-    joints: FloatArray  # (h, m) rad, or m
-    velocities: FloatArray  # (h, m) rad/s, or m/s
-    arm: FloatArray  # (h, 1) place to the little finger's side, dm
-    other_arm: FloatArray | float  # place of the other arm to its own side, dm
-    tips: FloatArray  # (h, f, 3) fingertips, m
-    tips_dm: FloatArray
-    # (h, 8, f, 3) from fingertips to their targets in key frames and presses, dm; 0 without target
-    ways: FloatArray
-    depths: FloatArray  # (h, 2, f) angles of the presses' keys over their largest angles
-    key_state: FloatArray  # (88,) the same of all keys
-
-
-def _write_positions(out: Float32Array, now: _Moment) -> None:
-    out[:] = now.joints
-
-
-def _write_velocities(out: Float32Array, now: _Moment) -> None:
-    out[:] = np.minimum(np.maximum(now.velocities, -FASTEST), FASTEST)
-
-
-def _write_fingertips(out: Float32Array, now: _Moment) -> None:
-    out[:] = now.tips_dm
-    out[:, :, 1] = now.tips_dm[:, :, 1] - now.arm
-
-
-def _write_frames(out: Float32Array, now: _Moment) -> None:
-    out[..., :3] = now.ways[:, : len(FRAMES_AHEAD)]
-
-
-def _write_presses(out: Float32Array, now: _Moment) -> None:
-    out[..., :3] = now.ways[:, len(FRAMES_AHEAD) :]
-    out[..., 3] = now.depths
-
-
-def _write_from_arm(out: Float32Array, now: _Moment) -> None:
-    out -= now.arm
-
-
-def _write_other_arm(out: Float32Array, now: _Moment) -> None:
-    out[:] = now.arm + now.other_arm
-
-
-_WRITERS: dict[str, Write] = {
-    "positions": _write_positions,
-    "velocities": _write_velocities,
-    "fingertips": _write_fingertips,
-    "frames": _write_frames,
-    "presses": _write_presses,
-    "places": _write_from_arm,
-    "line": _write_from_arm,
-    "other_arm": _write_other_arm,
-}
-"""Functions of the blocks, which write the numbers of all hands, by name."""
 
 
 def _blocks(scene: PianoScene) -> list[ObservationBlock]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import functools
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -63,33 +62,34 @@ class EnvState:
     def check(self, simulation: str, terms: Sequence[str]) -> None:
         """Raise an EnvStateError if the state is not from an environment with these options."""
         steps = len(self.key_active) if isinstance(self.key_active, np.ndarray) else 0
-        arrays: dict[str, tuple[str, tuple[int, ...], Any]] = {
-            "key_active": ("b", (steps, NUM_KEYS), self.key_active),
-            "sustain": ("b", (steps,), self.sustain),
-            "fingertips": ("f", (steps, NUM_FINGERS, 3), self.fingertips),
-            "returns": ("f", (len(terms),), self.returns),
-        }
         within, speeds = (
             table if isinstance(table, Mapping) else {-1: None}
             for table in (self.within, self.speeds)
         )
-        shape = getattr(next(iter(within.values()), None), "shape", ())
-        for step, keys in within.items():
-            arrays[f"within[{step!r}]"] = ("b", (*shape[:1], NUM_KEYS), keys)
-        for step, speed in speeds.items():
-            arrays[f"speeds[{step!r}]"] = ("f", (NUM_KEYS,), speed if step in within else 0)
-        wrong = [
-            name
-            for name, (kind, expected, array) in arrays.items()
-            if getattr(getattr(array, "dtype", None), "kind", "") != kind or array.shape != expected
-        ]
-        plain = {"score": Score, "finished": bool, "pedal": Real, "simulation": str, "terms": str}
-        wrong += [name for name, kind in plain.items() if not isinstance(getattr(self, name), kind)]
-        wrong += [] if "pedal" in wrong or 0 <= self.pedal <= 1 else ["pedal"]
-        if wrong or not all(isinstance(step, Integral) and 0 <= step < steps for step in within):
+        substeps = getattr(next(iter(within.values()), None), "shape", ())[:1]
+
+        def fits(array: Any, kind: str, *shape: int) -> bool:
+            return getattr(array, "shape", None) == shape and array.dtype.kind == kind
+
+        parts = {
+            "key_active": fits(self.key_active, "b", steps, NUM_KEYS),
+            "sustain": fits(self.sustain, "b", steps),
+            "fingertips": fits(self.fingertips, "f", steps, NUM_FINGERS, 3),
+            "returns": fits(self.returns, "f", len(terms)),
+            **{f"within[{n!r}]": fits(w, "b", *substeps, NUM_KEYS) for n, w in within.items()},
+            **{f"speeds[{n!r}]": n in within and fits(v, "f", NUM_KEYS) for n, v in speeds.items()},
+            "score": isinstance(self.score, Score),
+            "finished": isinstance(self.finished, bool),
+            "pedal": isinstance(self.pedal, Real) and 0 <= self.pedal <= 1,
+            "simulation": isinstance(self.simulation, str),
+            "terms": isinstance(self.terms, str),
+            "within": all(isinstance(n, Integral) and 0 <= n < steps for n in within),
+        }
+        wrong = [name for name, is_right in parts.items() if not is_right]
+        if wrong:
             raise EnvStateError(
-                f"The state's {wrong[0] if wrong else 'within'} is none of an episode of {steps} "
-                "steps: expected a state of an environment with the same options."
+                f"The state's {wrong[0]} is none of an episode of {steps} steps: expected a state "
+                "of an environment with the same options."
             )
         for saved, here in ((self.simulation, simulation), (self.terms, _told(terms))):
             if saved not in ("", here):
@@ -145,9 +145,8 @@ class EpisodeRecord:
         """Strikes of the last step given to :meth:`hear`: in time, and others."""
         self.hit_keys: list[int] = []
         """Keys of those in time."""
-        # Not yet added to `_within` and `_returns`: adding many steps at once is faster.
+        # Not yet added to `_within`: adding many steps at once is faster.
         self._key_angles: list[bytes] = []
-        self._weighted_terms: list[Sequence[float]] = []
 
     @property
     def steps(self) -> int:
@@ -191,7 +190,7 @@ class EpisodeRecord:
         self._key_active.append(sounding)
         self._sustain.append(pedal_down)
         self._fingertips.append(simulation.fingertips)
-        self._weighted_terms.append(weighted_terms)
+        self._returns = list(map(operator.add, self._returns, weighted_terms))
 
     def f1(self) -> float | None:
         """Compute the F1 of the steps so far; ``None`` before the first step."""
@@ -222,7 +221,7 @@ class EpisodeRecord:
 
     def summary(self) -> dict[str, float]:
         """Compute the music metrics and the returns by name, as in the final ``info``."""
-        returns, performance = self._sums(), self.performance()
+        returns, performance = self._returns, self.performance()
         return {
             **performance.metrics(),
             **(performance.musicianship() if self._goal.musicianship else {}),
@@ -244,7 +243,7 @@ class EpisodeRecord:
             sustain=sustain,
             fingertips=fingertips,
             within=dict(zip(self._changes, self._sounding_within(), strict=True)),
-            returns=np.array(self._sums()),
+            returns=np.array(self._returns),
             simulation=simulation,
             terms=_told(self._goal.terms),
             speeds=dict(zip(self._changes, self._speeds, strict=True)),
@@ -295,14 +294,6 @@ class EpisodeRecord:
         row = np.minimum(np.searchsorted(changes, presses.first), len(changes) - 1)
         known = changes[row] == presses.first
         return np.where(known, self._speeds[row, presses.key], np.nan)
-
-    def _sums(self) -> list[float]:
-        """Sum the weighted terms, step by step."""
-        if self._weighted_terms:
-            columns = zip(self._returns, *self._weighted_terms, strict=True)
-            self._returns = [functools.reduce(operator.add, column) for column in columns]
-            self._weighted_terms = []
-        return self._returns
 
     def _rows(self) -> BoolArray:
         """Return a copy of the keys that sounded, (t, 88)."""

@@ -64,8 +64,10 @@ class PianoEnvConfig:
     """Control steps after the current one that the goal shows; 0 to 10,000."""
     observation: ObservationKind = "roll"
     """"roll" is RoboPianist's observation. "window" is the same for the keys of the piece and three
-    more on either side. "fingers" has the place and time of each finger's next press. "hands" has
-    two equal parts, one per hand, with its coming targets; the left hand is mirrored."""
+    more on either side, and refuses pieces with others. "fingers" has 130 numbers: the place and
+    time of each finger's next press, the pedal, the number of wrong keys, and the joints. "hands"
+    has two equal parts, one per hand, with its coming targets; the left hand is mirrored, as in the
+    actions of :class:`~sb3_piano.wrappers.HandActions`. Both need finger labels."""
     observation_blocks: Annotated[tuple[Any, ...], Listed] = ()
     """Your own blocks at the end of the observation: subclasses of
     :class:`~sb3_piano.envs.Block`, or their import paths, "package.module.Name"."""

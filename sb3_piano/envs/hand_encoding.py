@@ -15,11 +15,11 @@ from sb3_piano.envs.encodings import DM_PER_M, check_labels, joint_facts
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, described
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
-from sb3_piano.music.pitch import pitch_name
+from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
 from sb3_piano.reading.piece import HandReading, bounds_of
 from sb3_piano.reading.presses import TimedPress
+from sb3_piano.reading.problems import summary, unheld
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
 
@@ -57,7 +57,6 @@ _FULL_WEIGHT = 10.0  # of a key frame across the keys, per m
 _AROUND = np.array([-1, 0, 1])  # keys around a finger that are shown
 _MARGIN = 1  # keys added beyond both ends of the keyboard, so that each key has neighbours
 _GRID = 1e-3  # of the table of keys by place, m
-_NAMED = 5  # notes in a warning
 
 
 class HandEncoding(Encoding):
@@ -119,20 +118,9 @@ class HandEncoding(Encoding):
         """Set the piece; a ``PlanWarning`` names notes without a finger, which are not played."""
         if not (roll.finger >= 0).any():
             check_labels(roll, "hands")
-        self.read(roll)
-        missing = np.argwhere(roll.onset & roll.unlabelled) * [self._timestep, 1] + [0, MIN_PITCH]
-        left_out = [
-            f"{pitch_name(int(pitch))} (pitch {pitch:.0f}) at {time:.2f} s"
-            for time, pitch in missing.tolist()
-        ]
-        if left_out:
-            more = f"; and {len(left_out) - _NAMED} more" if len(left_out) > _NAMED else ""
-            warnings.warn(
-                "Notes without a finger, which the hands leave out: "
-                f"{'; '.join(left_out[:_NAMED])}{more}.",
-                PlanWarning,
-                stacklevel=2,
-            )
+        problems = [p for p in unheld(self.read(roll).roll) if p.finger == UNKNOWN_FINGER]
+        if problems:
+            warnings.warn(summary(problems), PlanWarning, stacklevel=2)
 
     def read(self, roll: PianoRoll) -> Reading:
         """Set the piece without its notes that have no finger; return its reading."""

@@ -18,7 +18,6 @@ from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
 from sb3_piano.reading.piece import HandReading, bounds_of
-from sb3_piano.reading.presses import TimedPress
 from sb3_piano.reading.problems import summary, unheld
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
@@ -137,24 +136,23 @@ class HandEncoding(Encoding):
         weight = ahead([hand.frames.weight[..., 1] for hand in hands], FRAMES_AHEAD)  # per m
         frames = np.zeros((*weight.shape, 4))
         frames[..., 3] = weight / _FULL_WEIGHT
-        there = presses[..., _THERE, None] > 0
+        there = presses[..., 6, None] > 0
         now = steps[:, None, None, None, None] * self._timestep
-        self._press_key, self._there = presses[..., _KEY].astype(np.intp), there[..., 0]
-        shown = np.zeros(presses.shape)
-        times = presses[..., _TIMES] * self._timestep
-        shown[..., 4:6] = np.clip(times, -MOST_TIME, MOST_TIME) * there
-        shown[..., 6:11] = presses[..., _FACTS]
-        shown[..., 11:] = np.clip(presses[..., _WRITTEN] - now, -MOST_TIME, MOST_TIME) * there
+        self._press_key, self._there = presses[..., 3].astype(np.intp), there[..., 0]
+        planned, written = presses[..., 4:6] * self._timestep, presses[..., 11:] - now
+        presses[..., 4:6] = np.clip(planned, -MOST_TIME, MOST_TIME) * there
+        presses[..., 11:] = np.clip(written, -MOST_TIME, MOST_TIME) * there
         # Targets of the fingertips: first the key frames', then the presses'.
         target = ahead([hand.frames.target for hand in hands], FRAMES_AHEAD)
-        target = np.concatenate([target, presses[..., _POINT]], axis=2)
+        target = np.concatenate([target, presses[..., :3]], axis=2)
+        presses[..., :4] = 0.0  # they depend on the state
         self._target = target * self.mirror[:, None] * DM_PER_M  # (T, h, 8, f, 3) dm
         asked = np.concatenate([weight > 0, self._there], axis=2)
         self._scale = asked[..., None].astype(float)
         self._due = np.pad(roll.active, ((0, 0), (_MARGIN, _MARGIN))).astype(np.float32)
         line = ahead([bounds[side] for side in self._sides], LINE_AHEAD)
         places = ahead([hand.place for hand in hands], PLACES_AHEAD)
-        known = {"frames": frames, "presses": shown, "places": DM_PER_M * self.sign * places}
+        known = {"frames": frames, "presses": presses, "places": DM_PER_M * self.sign * places}
         busy = ahead([hand.busy for hand in hands], BUSY_AHEAD)
         self._use({**known, "busy": busy, "line": DM_PER_M * self.sign * line})
         return read
@@ -223,51 +221,34 @@ def _blocks(scene: PianoScene) -> list[ObservationBlock]:
     return [described(name, facts) for name in (*names, "line", "other_arm")]
 
 
-_KEY, _TIMES, _POINT, _THERE = 0, slice(1, 3), slice(3, 6), 6
-_FACTS, _WRITTEN, _COLUMNS = slice(6, 11), slice(11, 13), 13
-
-
 def _shown_presses(hand: HandReading, roll: PianoRoll) -> FloatArray:
     """Tabulate each finger's present or next press and the one after it, in each of T states.
 
     Returns:
-        (T, 2, f, 13): the key; states until the first and the last one in which it must be down,
-        negative if past; place of the fingertip when the key is down, m; 1 if the finger has such a
-        press, if the key is black, if the hand leaps before it, if it leaps after it, if the finger
-        strikes the same key again at once; begin and end of the written note, s from the start.
-        All 0 without such a press.
+        (T, 2, f, 13) with the columns of the block "presses"; but first the place of the fingertip
+        when the key is down, m, and the key; times of the plan in states, and those of the written
+        note in s from the start. All 0 without such a press.
     """
-    steps, fingers = len(roll), hand.frames.target.shape[1]
+    steps, fingers, timestep = len(roll), hand.frames.target.shape[1], roll.control_timestep
     onsets = {(step, key): time for step, key, time in roll.strikes()}
-    shown = np.zeros((steps, PRESSES_AHEAD, fingers, _COLUMNS))
-    states = np.arange(steps)
+    states, shown = np.arange(steps), np.zeros((steps, PRESSES_AHEAD, fingers, 13))
     for finger in range(fingers):
         own = [one for one in hand.presses if one.press.finger == finger]
         ends = np.maximum.accumulate([one.last for one in own] or [0])
         following = np.searchsorted(ends, states + 1) if own else np.zeros(steps, np.intp)
-        table = _table(own, hand, onsets, roll.control_timestep)
+        table = np.zeros((len(own), 13))
+        for row, one in zip(table, own, strict=True):
+            key, start = (
+                one.press.key,
+                one.press.first - 1,
+            )  # the step that leads to the first state
+            row[:3] = hand.frames.target[min(one.first, len(hand.place) - 1), finger]
+            row[3:6] = key, one.first, one.last
+            row[6:11] = True, KEY_IS_BLACK[key], one.leapt, one.leaps, one.repeated
+            row[11:] = onsets.get((start, key), start * timestep), one.press.last * timestep
         for ahead in range(PRESSES_AHEAD):
             at = following + ahead
             there = at < len(own)
             shown[there, ahead, finger] = table[at[there]]
-            shown[there, ahead, finger, _TIMES] -= states[there, None]
+            shown[there, ahead, finger, 4:6] -= states[there, None]
     return shown
-
-
-def _table(
-    presses: list[TimedPress],
-    hand: HandReading,
-    onsets: dict[tuple[int, int], float],
-    control_timestep: float,
-) -> FloatArray:
-    """Return a row for each press of a finger, with the columns of _shown_presses."""
-    table = np.zeros((len(presses), _COLUMNS))
-    for row, one in zip(table, presses, strict=True):
-        key, finger = one.press.key, one.press.finger
-        start = one.press.first - 1  # the control step that leads to the first state
-        row[_KEY], row[_TIMES] = key, (one.first, one.last)
-        row[_POINT] = hand.frames.target[min(one.first, len(hand.place) - 1), finger]
-        row[_FACTS] = True, KEY_IS_BLACK[key], one.leapt, one.leaps, one.repeated
-        onset = onsets.get((start, key), start * control_timestep)
-        row[_WRITTEN] = onset, one.press.last * control_timestep
-    return table

@@ -22,12 +22,6 @@ from sb3_piano.viewing import View
 ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
 
-Hands = Literal["both", "right", "left"]
-"""Both hands, or one of them."""
-
-HandsInScene = Literal["both", "right", "left", "none"]
-"""Both hands, one of them, or none."""
-
 LookaheadSteps = Annotated[
     Whole,
     Ge(0),
@@ -81,11 +75,11 @@ class PianoEnvConfig:
     """Sustain pedal that is due: "score" is the score's, "none" none. "auto" is the score's, or
     where it has none, legato pedalling at its changes of harmony
     (:mod:`sb3_piano.music.pedalling`)."""
-    hands_in_scene: HandsInScene = "both"
+    hands_in_scene: Literal["both", "right", "left", "none"] = "both"
     """Hands in the scene. A single hand has only its own actions, observation and joints, and no
     forearm to collide with. It plays its own notes and those without a known hand. With "none"
     actuators drive the keys themselves, and the reward has other terms."""
-    hands: Hands = "both"
+    hands: Literal["both", "right", "left"] = "both"
     """Hands whose notes are played; the other hand's notes are left out. Notes without a hand are
     assigned to one first."""
     hand: TextOrPath = DEFAULT_HAND

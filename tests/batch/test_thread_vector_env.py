@@ -9,7 +9,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from short_scores import score_of
 from yaml_rows import Tables
 
-from sb3_piano.envs import ENV_IDS, PianoEnv, PianoVectorEnv
+from sb3_piano.batch import PianoVectorEnv
+from sb3_piano.envs import ENV_IDS, PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, ScoreError
 from sb3_piano.simulation.gl import find_gl_backend
 

@@ -19,19 +19,19 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 2_035,
-    "batch": 1_980,
+    "base": 2_037,
+    "batch": 2_230,
     "buffers": 654,
-    "callbacks": 2_791,
+    "callbacks": 2_792,
     "cli": 3_405,
     "demonstrations": 1_502,
-    "envs": 3_529,
+    "envs": 2_819,
     "hands": 997,
     "hyperparams": 35,
     "interop": 236,
     "jobs": 741,
     "lab": 7_479,
-    "metrics": 1_368,
+    "metrics": 1_416,
     "music": 8_760,
     "pipelines": 1_078,
     "planning": 2_955,
@@ -39,11 +39,11 @@ LINES = {
     "policies": 1_588,
     "reading": 545,
     "simulation": 900,
-    "training": 6_308,
+    "training": 6_310,
     "tuning": 1_260,
     "vec_env": 488,
     "viewing": 3_012,
-    "wrappers": 2_061,
+    "wrappers": 2_220,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_079
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_390, "modules": 336, "names": 227},
+    "core": {"lines": 50_142, "modules": 335, "names": 227},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
-    "tests": {"lines": 41_755},
+    "tests": {"lines": 41_764},
 }
 
 

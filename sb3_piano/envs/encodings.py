@@ -190,10 +190,8 @@ def _steps_until(events: BoolArray, horizon: int) -> IntArray:
 def _held_keys(roll: PianoRoll) -> IntArray:
     """Return the key that each finger holds, (T, 10), or -1."""
     held = np.full((len(roll), NUM_FINGERS), -1, dtype=np.intp)
-    steps, keys = np.nonzero(roll.active & (roll.finger >= 0))
     # From the highest key to the lowest, so that the lowest overwrites the others.
-    order = np.argsort(-keys, kind="stable")
-    steps, keys = steps[order], keys[order]
+    steps, keys = (found[::-1] for found in np.nonzero(roll.active & (roll.finger >= 0)))
     held[steps, roll.finger[steps, keys]] = keys
     return held
 

@@ -234,7 +234,8 @@ def test_actions_of_a_wrong_shape_and_a_missing_reset_are_named(make):
 def test_make_vec_gives_it_for_every_id_without_a_warning():
     script = (
         "import gymnasium, sb3_piano\n"
-        "from sb3_piano.envs import ENV_IDS, PianoVectorEnv\n"
+        "from sb3_piano.batch import PianoVectorEnv\n"
+        "from sb3_piano.envs import ENV_IDS\n"
         "for env_id in ENV_IDS:\n"
         "    envs = gymnasium.make_vec(env_id, num_envs=2, n_threads=2, physics='fast')\n"
         "    assert type(envs) is PianoVectorEnv and envs.num_envs == envs.n_threads == 2\n"

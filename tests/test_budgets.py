@@ -25,7 +25,7 @@ LINES = {
     "callbacks": 2_792,
     "cli": 3_405,
     "demonstrations": 1_502,
-    "envs": 2_819,
+    "envs": 2_827,
     "hands": 997,
     "hyperparams": 35,
     "interop": 236,
@@ -54,7 +54,7 @@ LONG_WORK_LINES = 3_079
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_142, "modules": 335, "names": 227},
+    "core": {"lines": 50_150, "modules": 335, "names": 227},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
     "tests": {"lines": 41_764},
 }

@@ -145,8 +145,9 @@ class EpisodeRecord:
         """Strikes of the last step given to :meth:`hear`: in time, and others."""
         self.hit_keys: list[int] = []
         """Keys of those in time."""
-        # Not yet added to `_within`: adding many steps at once is faster.
+        # Not yet added to `_within` and `_returns`: adding many steps at once is faster.
         self._key_angles: list[bytes] = []
+        self._weighted_terms: list[Sequence[float]] = []
 
     @property
     def steps(self) -> int:
@@ -190,7 +191,7 @@ class EpisodeRecord:
         self._key_active.append(sounding)
         self._sustain.append(pedal_down)
         self._fingertips.append(simulation.fingertips)
-        self._returns = list(map(operator.add, self._returns, weighted_terms))
+        self._weighted_terms.append(weighted_terms)
 
     def f1(self) -> float | None:
         """Compute the F1 of the steps so far; ``None`` before the first step."""
@@ -221,7 +222,7 @@ class EpisodeRecord:
 
     def summary(self) -> dict[str, float]:
         """Compute the music metrics and the returns by name, as in the final ``info``."""
-        returns, performance = self._returns, self.performance()
+        returns, performance = self._sums(), self.performance()
         return {
             **performance.metrics(),
             **(performance.musicianship() if self._goal.musicianship else {}),
@@ -243,7 +244,7 @@ class EpisodeRecord:
             sustain=sustain,
             fingertips=fingertips,
             within=dict(zip(self._changes, self._sounding_within(), strict=True)),
-            returns=np.array(self._returns),
+            returns=np.array(self._sums()),
             simulation=simulation,
             terms=_told(self._goal.terms),
             speeds=dict(zip(self._changes, self._speeds, strict=True)),
@@ -294,6 +295,13 @@ class EpisodeRecord:
         row = np.minimum(np.searchsorted(changes, presses.first), len(changes) - 1)
         known = changes[row] == presses.first
         return np.where(known, self._speeds[row, presses.key], np.nan)
+
+    def _sums(self) -> list[float]:
+        """Sum the weighted terms, step by step."""
+        for weighted in self._weighted_terms:
+            self._returns = list(map(operator.add, self._returns, weighted))
+        self._weighted_terms = []
+        return self._returns
 
     def _rows(self) -> BoolArray:
         """Return a copy of the keys that sounded, (t, 88)."""

@@ -74,7 +74,7 @@ class Pieces:
 class Onsets:
     """Strikes due in each piece, and which of them are open in each world.
 
-    The batched form of :class:`~sb3_piano.envs.strikes.OpenOnsets`.
+    The batched form of :class:`~sb3_piano.metrics.onsets.OpenOnsets`.
     """
 
     def __init__(self, rolls: Sequence[PianoRoll], rows: Sequence[int], like: Tensor):

@@ -11,8 +11,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from sb3_piano.batch.environment import BatchedPiano
+from sb3_piano.batch.thread_vector_env import PianoVectorEnv, checked_mode
 from sb3_piano.envs.score_choice import ScoreSource
-from sb3_piano.envs.vector_env import PianoVectorEnv, checked_mode
 from sb3_piano.exceptions import ConfigError
 
 
@@ -104,7 +104,7 @@ def make_vector_env(
     Args:
         *args: Number of environments and score.
         backend: "cpu" or "warp", see :class:`BatchedPiano`; ``None`` for single environments in
-            threads, a :class:`~sb3_piano.envs.PianoVectorEnv`.
+            threads, a :class:`~sb3_piano.batch.PianoVectorEnv`.
         **options: Options of the vector environment's class.
     """
     if backend is None:

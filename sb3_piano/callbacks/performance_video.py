@@ -16,13 +16,14 @@ from sb3_piano.callbacks.own_env import (
     preserve_random_state,
     sync_normalization,
 )
-from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.links import make_folder
 from sb3_piano.players.rollout import rollout
 from sb3_piano.settings import Positive, Unit, checked
 from sb3_piano.take import Take, write_take
 from sb3_piano.viewing import Picture, View
+from sb3_piano.wrappers import EpisodeRecorder
 
 
 class PerformanceVideoCallback(OwnEnvCallback):

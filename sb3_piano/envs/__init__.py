@@ -1,4 +1,4 @@
-"""The piano environment, alone or as a vector, and its registration with gymnasium."""
+"""The piano environment, and its registration with gymnasium."""
 
 from sb3_piano.envs.blocks import Block
 from sb3_piano.envs.blocks import Now as Now
@@ -11,12 +11,10 @@ from sb3_piano.envs.observation import ObservationSpace
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.record import EnvState as EnvState
 from sb3_piano.envs.record import Snapshot as Snapshot
-from sb3_piano.envs.recorder import EpisodeRecorder
 from sb3_piano.envs.score_choice import ScoreTransform as ScoreTransform
 from sb3_piano.envs.terms import DEFAULT_REWARD_WEIGHTS, StepView, Term
 from sb3_piano.envs.terms import RETURN_KEYS as RETURN_KEYS
 from sb3_piano.envs.terms import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED_REWARD_WEIGHTS
-from sb3_piano.envs.vector_env import PianoVectorEnv
 from sb3_piano.performance import Performance
 from sb3_piano.registration import DEBUG_IDS as DEBUG_IDS
 from sb3_piano.registration import ENV_IDS, GENERAL_ID, SELF_ACTUATED_ID
@@ -30,12 +28,10 @@ __all__ = [
     "GENERAL_ID",
     "SELF_ACTUATED_ID",
     "Block",
-    "EpisodeRecorder",
     "ObservationSpace",
     "Performance",
     "PianoEnv",
     "PianoEnvConfig",
-    "PianoVectorEnv",
     "StepView",
     "Term",
 ]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+import functools
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,8 +20,8 @@ from sb3_piano.simulation import PianoScene, Simulation
 if TYPE_CHECKING:
     from sb3_piano.envs.config import PianoEnvConfig
 
-Write = Callable[[Float32Array, Any], object]
-"""Function that writes the numbers of a block that depend on the state into its array."""
+Parts = dict[str, Float32Array]
+"""Views of the numbers of each block, by name."""
 
 
 class Now(NamedTuple):
@@ -35,44 +36,46 @@ class Now(NamedTuple):
 
 
 class Encoding:
-    """Writes observations of one layout.
+    """Base class of writers of observations of one layout.
 
-    The numbers of a block that depend on the piece alone are computed when it is prepared. The
-    block's :data:`Write` function then overwrites or changes them in each step.
+    A subclass computes the numbers that depend on the piece alone in :meth:`_read`. In each step
+    they are in the parts of the observation that :meth:`_write` then overwrites or changes.
     """
 
-    def __init__(
-        self,
-        blocks: Sequence[tuple[ObservationBlock, Write | None]],
-        layout: ObservationLayout | None = None,
-    ):
-        """Take blocks with their functions, and the layout if it differs from the blocks'."""
-        self.layout = layout or ObservationLayout(block for block, _ in blocks)
+    def __init__(self, layout: ObservationLayout):
+        """Take the layout."""
+        self.layout = layout
         """Layout of the observation."""
-        self._blocks, self._known = tuple(blocks), dict[str, Float32Array]()
-        self._open_page()
+        self._known: dict[str, Float32Array] = {}
+        self._added: list[tuple[Block, Float32Array]] = []  # and its numbers of the piece
 
-    def _open_page(self) -> None:
-        """Make the array that each step overwrites, and the views of it, which are not copied."""
-        self._page = np.zeros(self.layout.size, dtype=np.float32)
-        parts = list(zip(self._blocks, self.split(self._page), strict=True))
-        found = ((out, self._known.get(block.name)) for (block, _), out in parts)
-        self._fixed = [(out, known) for out, known in found if known is not None]
-        self._writers = [(write, out) for (_, write), out in parts if write is not None]
+    def add(self, blocks: Sequence[Block]) -> None:
+        """Append a user's blocks, whose numbers are checked.
+
+        Raises:
+            ConfigError: If two blocks have one name, or one lacks a valid description.
+        """
+        self.layout = ObservationLayout([*self.layout.values(), *map(_described, blocks)])
+        self._added = [(block, np.empty(0, np.float32)) for block in blocks]
+
+    @functools.cached_property
+    def _page(self) -> tuple[Float32Array, Parts, list[Any], list[Any]]:
+        """Array that each step overwrites, its parts, and those known or added with their rows."""
+        page = np.zeros(self.layout.size, dtype=np.float32)
+        parts, added = self.split(page), []
+        for block, rows in self._added:
+            added.append((page[self.layout[block.name].slice].reshape(block.shape), block, rows))
+        return page, parts, [(parts[name], rows) for name, rows in self._known.items()], added
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_page": None, "_fixed": None, "_writers": None}
+        return {name: value for name, value in vars(self).items() if name != "_page"}  # has views
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._open_page()
-
-    def split(self, numbers: Float32Array) -> list[Float32Array]:
-        """Split observations, (..., n), into a view for each block."""
-        return [
-            numbers[..., block.slice].reshape(*numbers.shape[:-1], *block.shape)
-            for block in self.layout.values()
-        ]
+    def split(self, numbers: Float32Array) -> Parts:
+        """Split observations, (..., n), into a view for each block of the encoding, by name."""
+        return {
+            name: numbers[..., block.slice].reshape(*numbers.shape[:-1], *block.shape)
+            for name, block in self.layout.items()
+        }
 
     def prepare(self, roll: PianoRoll) -> None:
         """Set the piece to play.
@@ -81,37 +84,60 @@ class Encoding:
             ConfigError: If a user's block does not return finite numbers of its shape.
             ScoreError: If this encoding cannot show the piece; the former piece then remains.
         """
+        added = [copy.copy(block) for block, _ in self._added]
+        rows = [_rows(block, block.prepare(roll), len(roll)) for block in added]
+        self._read(roll)
+        self._added = list(zip(added, rows, strict=True))
+
+    def _read(self, roll: PianoRoll) -> None:
+        """Compute what depends on the piece, and :meth:`_use` it."""
+        raise NotImplementedError
+
+    def _write(self, parts: Parts, now: Now) -> None:
+        """Write the numbers that depend on the state into the parts of the observation."""
         raise NotImplementedError
 
     def _use(self, known: Mapping[str, npt.ArrayLike]) -> None:
         """Set the numbers of T control steps that depend on the piece, (T, *shape), by block."""
         self._known = {name: np.asarray(rows, dtype=np.float32) for name, rows in known.items()}
-        self._open_page()
+        self.__dict__.pop("_page", None)
 
     def tables(self) -> Arrays:
-        """Return data of the piece by name, one row for each control step, for batches."""
+        """Return data of the piece by name, one row for each control step.
+
+        They are for batches, which have no added blocks.
+        """
         return {}
 
     def known_rows(self) -> Float32Array:
         """Return the numbers of all observations that depend on the piece alone, (T, n)."""
         steps = len(next(iter(self._known.values())))
         rows = np.zeros((steps, self.layout.size), dtype=np.float32)
-        for (block, _), out in zip(self._blocks, self.split(rows), strict=True):
-            out[...] = self._known.get(block.name, 0.0)
+        parts = self.split(rows)
+        for name, known in self._known.items():
+            parts[name][...] = known
         return rows
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
-        """Write the observation before a control step of the piece; see :class:`Now`."""
-        now = self._look(Now(step, simulation, pedal))
-        for out, known in self._fixed:
-            out[...] = known[step]
-        for write, out in self._writers:
-            write(out, now)
-        return self._page.copy()
+        """Write the observation before a control step of the piece; see :class:`Now`.
 
-    def _look(self, now: Now) -> Any:
-        """Convert the state to the type that the blocks expect."""
-        return now
+        Raises:
+            ConfigError: If a user's block does not write finite numbers of its shape.
+        """
+        now = Now(step, simulation, pedal)
+        page, parts, fixed, added = self._page
+        for out, known in fixed:
+            out[...] = known[step]
+        self._write(parts, now)
+        for out, block, known in added:
+            out[...] = known[step]
+            try:
+                block.write(out, now)
+            except (TypeError, ValueError) as error:
+                raise _misfit(block, f"cannot write its numbers ({error})") from error
+            if not np.isfinite(out).all():
+                raise _misfit(block, f"writes {out.tolist()} in control step {step}")
+        return page.copy()
 
 
 class Block:
@@ -153,51 +179,6 @@ class Block:
         """
 
 
-class AddedBlocks(Encoding):
-    """Encoding with a user's blocks at its end, whose numbers are checked."""
-
-    def __init__(self, inner: Encoding, blocks: Sequence[Block]):
-        """Append blocks to those of an encoding.
-
-        Raises:
-            ConfigError: If two blocks have one name, or one lacks a valid description.
-        """
-        self._inner, self._added = inner, list(blocks)
-        described = [_described(block) for block in blocks]
-        layout = ObservationLayout([*inner.layout.values(), *described])
-        super().__init__([(block, None) for block in described], layout)
-
-    def split(self, numbers: Float32Array) -> list[Float32Array]:
-        """Split observations, (..., n), into a view for each added block."""
-        return super().split(numbers)[-len(self._added) :]
-
-    def prepare(self, roll: PianoRoll) -> None:
-        """Set the piece to play; see :meth:`Encoding.prepare`."""
-        added = [copy.copy(block) for block in self._added]
-        found = {block.name: _rows(block, block.prepare(roll), len(roll)) for block in added}
-        self._inner.prepare(roll)
-        self._added = added
-        self._use({name: rows for name, rows in found.items() if rows is not None})
-
-    def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
-        """Write the observation; see :meth:`Encoding.write`.
-
-        Raises:
-            ConfigError: If a block does not write finite numbers of its shape.
-        """
-        page = super().write(step, simulation, pedal)
-        page[: self._inner.layout.size] = self._inner.write(step, simulation, pedal)
-        now = Now(step, simulation, pedal)
-        for block, out in zip(self._added, self.split(page), strict=True):
-            try:
-                block.write(out, now)
-            except (TypeError, ValueError) as error:
-                raise _misfit(block, f"cannot write its numbers ({error})") from error
-            if not np.isfinite(out).all():
-                raise _misfit(block, f"writes {out.tolist()} in control step {step}")
-        return page
-
-
 def block_classes(named: Sequence[Any]) -> tuple[type[Block], ...]:
     """Resolve block classes, each given as a class or as an import path.
 
@@ -227,10 +208,10 @@ def _described(block: Block) -> ObservationBlock:
         ) from error
 
 
-def _rows(block: Block, known: Any, steps: int) -> Float32Array | None:
-    """Convert the numbers that a block prepared to an array, and check its shape."""
+def _rows(block: Block, known: Any, steps: int) -> Float32Array:
+    """Convert the numbers that a block prepared, 0 if none, to an array, and check its shape."""
     if known is None:
-        return None
+        return np.broadcast_to(np.float32(0.0), (steps, *block.shape))
     try:
         rows = np.asarray(known, dtype=np.float32)
     except (TypeError, ValueError) as error:

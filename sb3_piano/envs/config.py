@@ -22,12 +22,6 @@ from sb3_piano.viewing import View
 ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
 
-Hands = Literal["both", "right", "left"]
-"""Both hands, or one of them."""
-
-HandsInScene = Literal["both", "right", "left", "none"]
-"""Both hands, one of them, or none."""
-
 LookaheadSteps = Annotated[
     Whole,
     Ge(0),
@@ -64,8 +58,10 @@ class PianoEnvConfig:
     """Control steps after the current one that the goal shows; 0 to 10,000."""
     observation: ObservationKind = "roll"
     """"roll" is RoboPianist's observation. "window" is the same for the keys of the piece and three
-    more on either side. "fingers" has the place and time of each finger's next press. "hands" has
-    two equal parts, one per hand, with its coming targets; the left hand is mirrored."""
+    more on either side, and refuses pieces with others. "fingers" has 130 numbers: the place and
+    time of each finger's next press, the pedal, the number of wrong keys, and the joints. "hands"
+    has two equal parts, one per hand, with its coming targets; the left hand is mirrored, as in the
+    actions of :class:`~sb3_piano.wrappers.HandActions`. Both need finger labels."""
     observation_blocks: Annotated[tuple[Any, ...], Listed] = ()
     """Your own blocks at the end of the observation: subclasses of
     :class:`~sb3_piano.envs.Block`, or their import paths, "package.module.Name"."""
@@ -79,11 +75,11 @@ class PianoEnvConfig:
     """Sustain pedal that is due: "score" is the score's, "none" none. "auto" is the score's, or
     where it has none, legato pedalling at its changes of harmony
     (:mod:`sb3_piano.music.pedalling`)."""
-    hands_in_scene: HandsInScene = "both"
+    hands_in_scene: Literal["both", "right", "left", "none"] = "both"
     """Hands in the scene. A single hand has only its own actions, observation and joints, and no
     forearm to collide with. It plays its own notes and those without a known hand. With "none"
     actuators drive the keys themselves, and the reward has other terms."""
-    hands: Hands = "both"
+    hands: Literal["both", "right", "left"] = "both"
     """Hands whose notes are played; the other hand's notes are left out. Notes without a hand are
     assigned to one first."""
     hand: TextOrPath = DEFAULT_HAND

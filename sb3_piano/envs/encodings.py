@@ -2,44 +2,34 @@
 
 from __future__ import annotations
 
-import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sb3_piano.arrays import Arrays, BoolArray, Float32Array, IntArray
-from sb3_piano.envs.blocks import Encoding, Now, Write
+from sb3_piano.arrays import Arrays, BoolArray, FloatArray, IntArray
+from sb3_piano.envs.blocks import Encoding, Now, Parts
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.observation import (
     ALL_KEYS,
     KeyWindow,
     ObservationBlock,
     ObservationLayout,
+    described,
     used_keys,
 )
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_FINGERS, NUM_KEYS
+from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_FINGERS
 from sb3_piano.simulation import PianoScene
 
 DM_PER_M = 10.0
 """Decimetres in a metre. In dm a last centimetre still counts among numbers near 1."""
 
-FARTHEST = 20.0
-"""Bound of distances on the keyboard, dm."""
-
 JOINT_OVERSHOOT = 1.0
 """Margin of the declared bounds beyond the joints' soft limits, rad, or m for sliders."""
 
-JOINTS_MEANING = (
-    "joint positions, wrist to thumb, then the sliders along the keyboard and towards the hinges "
-    "of the keys"
-)
-
 MOST_WRONG_KEYS = 10
 """Largest observed number of wrong keys."""
-
-Blocks = list[tuple[ObservationBlock, Write | None]]
 
 
 class RollEncoding(Encoding):
@@ -50,50 +40,32 @@ class RollEncoding(Encoding):
         self._window, self.keys = window, window.slice
         self.rows_shown = config.n_steps_lookahead + 1
         self._fingers = scene.fingers
-        goal = ObservationBlock(
-            name="goal",
-            shape=(self.rows_shown, NUM_KEYS + 1),
-            binary=True,
-            meaning="1 if a key (columns 0-87) or the pedal (column 88) should be down, for the "
-            "current and the following control steps; 0 beyond the end",
-        )
-        fingering = ObservationBlock(
-            name="fingering",
-            shape=self._fingers.shape,
-            binary=True,
-            meaning="1 for each finger labelled to press now, thumb to little finger, the right "
-            "hand first",
-        )
-        key_state = ObservationBlock(
-            name="key_state",
-            shape=(NUM_KEYS,),
-            meaning="key angle over its largest angle, in [0, 1]",
-        )
-        blocks: Blocks = [(goal, self._write_goal)]
-        blocks += [(fingering, None)] if scene.sides else []
-        blocks += [(key_state, self._write_key_state), (SUSTAIN, _write_sustain), *_joints(scene)]
-        layout = ObservationLayout(block for block, _ in blocks)
-        super().__init__(blocks, window.restrict(layout)[0])
+        self._joints = _joints(scene)
+        first = ("goal", "fingering") if scene.sides else ("goal",)
+        sizes = {"rows": self.rows_shown, "fingers": len(self._fingers)}
+        blocks = [described(name, sizes) for name in (*first, "key_state", "sustain")]
+        layout = ObservationLayout([*blocks, *_joint_blocks(scene)])
+        super().__init__(window.restrict(layout)[0])
 
-    def prepare(self, roll: PianoRoll) -> None:
-        """Set the piece to play; see :meth:`Encoding.prepare`."""
+    def _read(self, roll: PianoRoll) -> None:
         self._window.check_keys(used_keys(roll))
         # Appended silence lets the lookahead of the last step be sliced like any other.
         self._goal = np.zeros((len(roll) + self.rows_shown - 1, len(self._window) + 1), np.float32)
         self._goal[: len(roll), :-1] = roll.active[:, self.keys]
         self._goal[: len(roll), -1] = roll.sustain
         self._labels = roll.labelled_fingers()[:, self._fingers].astype(np.float32)
-        self._use({"fingering": self._labels})
+        self._use({"fingering": self._labels} if "fingering" in self.layout else {})
 
     def tables(self) -> Arrays:
         """Return goals, padded by the lookahead after the last step, and fingers."""
         return {"fingers": self._labels, "goal": self._goal}
 
-    def _write_goal(self, out: Float32Array, now: Now) -> None:
-        out[...] = self._goal[now.step : now.step + self.rows_shown]
-
-    def _write_key_state(self, out: Float32Array, now: Now) -> None:
-        out[:] = now.simulation.key_state[self.keys]
+    def _write(self, parts: Parts, now: Now) -> None:
+        parts["goal"][...] = self._goal[now.step : now.step + self.rows_shown]
+        parts["key_state"][:] = now.simulation.key_state[self.keys]
+        parts["sustain"][0] = now.pedal
+        for name, qpos in self._joints:
+            parts[name][:] = now.simulation.qpos[qpos]
 
 
 class FingerEncoding(Encoding):
@@ -103,38 +75,15 @@ class FingerEncoding(Encoding):
         """Lay out the observation."""
         self._scene, self._horizon = scene, config.n_steps_lookahead + 1
         self._timestep = config.control_timestep
+        self._joints = _joints(scene)
         longest = self._horizon * self._timestep
-        targets = ObservationBlock(
-            name="targets",
-            shape=(len(scene.fingers), 8),
-            unit="dm (3), 1, 1, s (2), 1",
-            low=(*[-FARTHEST] * 3, *[0.0] * 5),
-            high=(*[FARTHEST] * 3, 1.0, 1.0, longest, longest, 1.0),
-            meaning="for each finger, thumb to little finger, the right hand first: the vector "
-            "from its tip to the point where it must press next (x towards the player, y to the "
-            "right, z up); that key's angle over its largest angle; 1 if it has such a key; time "
-            "until the key must be down; time until it must be up again; 1 if it is black. "
-            "Without a key within the horizon both times are the horizon and the other numbers "
-            "are 0",
-        )
-        pedal_goal = ObservationBlock(
-            name="pedal_goal",
-            shape=(2,),
-            unit="1, s",
-            high=(1.0, longest),
-            meaning="1 if the pedal should be down; time until this changes, at most the horizon",
-        )
-        wrong_keys = ObservationBlock(
-            name="wrong_keys",
-            high=float(MOST_WRONG_KEYS),
-            meaning="number of keys that sound and should not, at most 10",
-        )
-        blocks: Blocks = [(targets, self._write_targets), (pedal_goal, None)]
-        blocks += [(SUSTAIN, _write_sustain), (wrong_keys, self._write_wrong_keys)]
-        super().__init__([*blocks, *_joints(scene)])
+        sizes = {"fingers": len(self._scene.fingers), "horizon": longest}
+        sizes["most_wrong"] = MOST_WRONG_KEYS
+        names = ("targets", "pedal_goal", "sustain", "wrong_keys")
+        blocks = [described(name, sizes) for name in names]
+        super().__init__(ObservationLayout([*blocks, *_joint_blocks(scene)]))
 
-    def prepare(self, roll: PianoRoll) -> None:
-        """Set the piece to play; see :meth:`Encoding.prepare`."""
+    def _read(self, roll: PianoRoll) -> None:
         goals, fingers = FingerGoals.of(roll, self._horizon), self._scene.fingers
         goal_key = goals.key[:, fingers]
         self._there = there = goal_key >= 0
@@ -163,49 +112,42 @@ class FingerEncoding(Encoding):
             "known": self.known_rows(),
         }
 
-    def _write_targets(self, out: Float32Array, now: Now) -> None:
-        step, simulation = now.step, now.simulation
+    def _write(self, parts: Parts, now: Now) -> None:
+        step, simulation, targets = now.step, now.simulation, parts["targets"]
         points = simulation.geom_xpos.take(self._geom[step], axis=0) + self._offset[step]
         tips = simulation.fingertips.take(self._scene.fingers, axis=0)
-        out[:, :3] = (points - tips) * self._scale[step]
-        out[:, 3] = simulation.key_state[self._key[step]] * self._there[step]
-
-    def _write_wrong_keys(self, out: Float32Array, now: Now) -> None:
-        wrong = int.from_bytes(now.simulation.sounding) & self._not_due[now.step]
-        out[0] = min(wrong.bit_count(), MOST_WRONG_KEYS)
-
-
-SUSTAIN = ObservationBlock(
-    name="sustain", meaning="the pedal's command in [0, 1]; the pedal is down at 0.5 and above"
-)
-"""Block of the pedal."""
+        targets[:, :3] = (points - tips) * self._scale[step]
+        targets[:, 3] = simulation.key_state[self._key[step]] * self._there[step]
+        wrong = int.from_bytes(simulation.sounding) & self._not_due[step]
+        parts["wrong_keys"][0] = min(wrong.bit_count(), MOST_WRONG_KEYS)
+        parts["sustain"][0] = now.pedal
+        for name, qpos in self._joints:
+            parts[name][:] = simulation.qpos[qpos]
 
 
-def _write_sustain(out: Float32Array, now: Now) -> None:
-    out[0] = now.pedal
+def _joints(scene: PianoScene) -> list[tuple[str, IntArray]]:
+    """List the hands' blocks of joint positions, and where MuJoCo has these."""
+    return [(f"{side}_joints", at) for side, at in zip(scene.sides, scene.joint_qpos, strict=True)]
 
 
-def _joints(scene: PianoScene) -> Blocks:
-    """Make a block of joint positions for each hand."""
-    meaning, dofs = JOINTS_MEANING, scene.options["forearm_dofs"]
-    if dofs != scene.hand.forearm_dofs():
-        meaning = f"joint positions, wrist to thumb, then {', '.join(dofs)}"
-    blocks: Blocks = []
-    for side, limits, qpos in zip(scene.sides, scene.joint_range, scene.joint_qpos, strict=True):
-        block = ObservationBlock(
-            name=f"{side}_joints",
-            shape=qpos.shape,
-            unit="rad, m of sliders",
-            low=limits[:, 0] - JOINT_OVERSHOOT,
-            high=limits[:, 1] + JOINT_OVERSHOOT,
-            meaning=f"{side} hand's {meaning}",
-        )
-        blocks.append((block, functools.partial(_write_joints, qpos)))
-    return blocks
+def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
+    """Describe a block of joint positions for each hand."""
+    return [
+        described("joints", {**joint_facts(scene, limits), "side": side}, f"{side}_joints")
+        for side, limits in zip(scene.sides, scene.joint_range, strict=True)
+    ]
 
 
-def _write_joints(qpos: IntArray, out: Float32Array, now: Now) -> None:
-    out[:] = now.simulation.qpos[qpos]
+def joint_facts(scene: PianoScene, limits: FloatArray) -> dict[str, Any]:
+    """Return what the blocks of a hand's joints say of them, given their (n, 2) soft limits."""
+    dofs = scene.options["forearm_dofs"]
+    sliders = "the sliders along the keyboard and towards the hinges of the keys"
+    return {
+        "joints": len(limits),
+        "lowest": limits[:, 0] - JOINT_OVERSHOOT,
+        "highest": limits[:, 1] + JOINT_OVERSHOOT,
+        "forearm": sliders if dofs == scene.hand.forearm_dofs() else ", ".join(dofs),
+    }
 
 
 class FingerGoals(NamedTuple):
@@ -248,10 +190,8 @@ def _steps_until(events: BoolArray, horizon: int) -> IntArray:
 def _held_keys(roll: PianoRoll) -> IntArray:
     """Return the key that each finger holds, (T, 10), or -1."""
     held = np.full((len(roll), NUM_FINGERS), -1, dtype=np.intp)
-    steps, keys = np.nonzero(roll.active & (roll.finger >= 0))
     # From the highest key to the lowest, so that the lowest overwrites the others.
-    order = np.argsort(-keys, kind="stable")
-    steps, keys = steps[order], keys[order]
+    steps, keys = (found[::-1] for found in np.nonzero(roll.active & (roll.finger >= 0)))
     held[steps, roll.finger[steps, keys]] = keys
     return held
 

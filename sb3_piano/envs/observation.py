@@ -6,6 +6,8 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,7 @@ from gymnasium import spaces
 
 from sb3_piano.arrays import IntArray
 from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.files import read_table
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIN_PITCH, NUM_KEYS
 from sb3_piano.music.pitch import pitch_name
@@ -61,6 +64,31 @@ class ObservationBlock:
         low, high = (np.broadcast_to(b, self.shape)[..., kept] for b in (self.low, self.high))
         shape, columns = (*self.shape[:-1], len(kept)), self.all_columns[kept]
         return dataclasses.replace(self, shape=shape, low=low, high=high, columns=columns)
+
+
+_TABLE: dict[str, dict[str, Any]] = read_table(Path(__file__).with_suffix(".yml"))
+
+
+def described(row: str, values: Mapping[str, Any], name: str = "") -> ObservationBlock:
+    """Describe a block by a row of ``observation.yml``.
+
+    Args:
+        row: Key of the row.
+        values: Sizes, bounds and texts that the row names.
+        name: Name of the block, by default the row's.
+    """
+
+    def value(given: Any) -> Any:
+        if isinstance(given, list):
+            return tuple(value(one) for one in given)
+        if not isinstance(given, str):
+            return given
+        return -values[given[1:]] if given.startswith("-") else values[given]
+
+    facts = dict(_TABLE[row])
+    unit, meaning = facts.pop("unit", "1"), facts.pop("meaning").format(**values)
+    found = {field: value(given) for field, given in facts.items()}
+    return ObservationBlock(name=name or row, unit=unit, meaning=meaning, **found)
 
 
 class ObservationLayout(Mapping[str, ObservationBlock]):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from sb3_piano.engine import mujoco
 from sb3_piano.envs.actions import ActionMap
-from sb3_piano.envs.blocks import AddedBlocks, Encoding
+from sb3_piano.envs.blocks import Encoding
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
 from sb3_piano.envs.episode_end import LimitRef, StepInfo, ends_by_limit, time_limits
@@ -75,16 +75,8 @@ class PianoEnv(gym.Env[Any, Any]):
 
     A scene with one hand lacks the joints and fingers of the other: 1,096 numbers.
 
-    ``observation="window"`` shows only the keys from three below the piece's lowest key to three
-    above its highest, in goal and key_state. Pieces with keys outside the window are refused.
-
-    ``observation="fingers"`` has 130 numbers (67 for one hand): the place and the times of each
-    finger's next press, the pedal, the number of wrong keys that sound, and the joints.
-    ``observation="hands"`` has two equal parts, one for each hand, with the left hand mirrored.
-    They are computed from the whole piece when an episode begins, and
-    :class:`~sb3_piano.wrappers.HandActions` are the matching actions. Both need finger labels.
-
-    ``observation_blocks`` adds your own blocks at the end, see :class:`~sb3_piano.envs.Block`.
+    The option ``observation`` chooses another one; ``observation_blocks`` adds your own blocks at
+    the end, see :class:`~sb3_piano.envs.Block`.
 
     ## Reward
 
@@ -497,8 +489,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self.encoding = _make_encoding(config, self.scene, self.goal.asked)
         """Encoding that writes the observations of this episode."""
         if config.observation_blocks:
-            blocks = [block(self.scene, config) for block in config.observation_blocks]
-            self.encoding = AddedBlocks(self.encoding, blocks)
+            self.encoding.add([block(self.scene, config) for block in config.observation_blocks])
         self.encoding.prepare(self.goal.asked)
         self._clear_episode()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import functools
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,11 +13,11 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.exceptions import EnvStateError
 from sb3_piano.metrics import Presses, frame_f1, presses_of
 from sb3_piano.metrics.episode import RETURN_PREFIX, normalized_return
 from sb3_piano.metrics.fingers import KeyBoxes, nearest_fingers
+from sb3_piano.metrics.onsets import OpenOnsets
 from sb3_piano.metrics.presses import press_times, step_shares, strike_speeds
 from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
@@ -63,33 +62,34 @@ class EnvState:
     def check(self, simulation: str, terms: Sequence[str]) -> None:
         """Raise an EnvStateError if the state is not from an environment with these options."""
         steps = len(self.key_active) if isinstance(self.key_active, np.ndarray) else 0
-        arrays: dict[str, tuple[str, tuple[int, ...], Any]] = {
-            "key_active": ("b", (steps, NUM_KEYS), self.key_active),
-            "sustain": ("b", (steps,), self.sustain),
-            "fingertips": ("f", (steps, NUM_FINGERS, 3), self.fingertips),
-            "returns": ("f", (len(terms),), self.returns),
-        }
         within, speeds = (
             table if isinstance(table, Mapping) else {-1: None}
             for table in (self.within, self.speeds)
         )
-        shape = getattr(next(iter(within.values()), None), "shape", ())
-        for step, keys in within.items():
-            arrays[f"within[{step!r}]"] = ("b", (*shape[:1], NUM_KEYS), keys)
-        for step, speed in speeds.items():
-            arrays[f"speeds[{step!r}]"] = ("f", (NUM_KEYS,), speed if step in within else 0)
-        wrong = [
-            name
-            for name, (kind, expected, array) in arrays.items()
-            if getattr(getattr(array, "dtype", None), "kind", "") != kind or array.shape != expected
-        ]
-        plain = {"score": Score, "finished": bool, "pedal": Real, "simulation": str, "terms": str}
-        wrong += [name for name, kind in plain.items() if not isinstance(getattr(self, name), kind)]
-        wrong += [] if "pedal" in wrong or 0 <= self.pedal <= 1 else ["pedal"]
-        if wrong or not all(isinstance(step, Integral) and 0 <= step < steps for step in within):
+        substeps = getattr(next(iter(within.values()), None), "shape", ())[:1]
+
+        def fits(array: Any, kind: str, *shape: int) -> bool:
+            return getattr(array, "shape", None) == shape and array.dtype.kind == kind
+
+        parts = {
+            "key_active": fits(self.key_active, "b", steps, NUM_KEYS),
+            "sustain": fits(self.sustain, "b", steps),
+            "fingertips": fits(self.fingertips, "f", steps, NUM_FINGERS, 3),
+            "returns": fits(self.returns, "f", len(terms)),
+            **{f"within[{n!r}]": fits(w, "b", *substeps, NUM_KEYS) for n, w in within.items()},
+            **{f"speeds[{n!r}]": n in within and fits(v, "f", NUM_KEYS) for n, v in speeds.items()},
+            "score": isinstance(self.score, Score),
+            "finished": isinstance(self.finished, bool),
+            "pedal": isinstance(self.pedal, Real) and 0 <= self.pedal <= 1,
+            "simulation": isinstance(self.simulation, str),
+            "terms": isinstance(self.terms, str),
+            "within": all(isinstance(n, Integral) and 0 <= n < steps for n in within),
+        }
+        wrong = [name for name, is_right in parts.items() if not is_right]
+        if wrong:
             raise EnvStateError(
-                f"The state's {wrong[0] if wrong else 'within'} is none of an episode of {steps} "
-                "steps: expected a state of an environment with the same options."
+                f"The state's {wrong[0]} is none of an episode of {steps} steps: expected a state "
+                "of an environment with the same options."
             )
         for saved, here in ((self.simulation, simulation), (self.terms, _told(terms))):
             if saved not in ("", here):
@@ -298,10 +298,9 @@ class EpisodeRecord:
 
     def _sums(self) -> list[float]:
         """Sum the weighted terms, step by step."""
-        if self._weighted_terms:
-            columns = zip(self._returns, *self._weighted_terms, strict=True)
-            self._returns = [functools.reduce(operator.add, column) for column in columns]
-            self._weighted_terms = []
+        for weighted in self._weighted_terms:
+            self._returns = list(map(operator.add, self._returns, weighted))
+        self._weighted_terms = []
         return self._returns
 
     def _rows(self) -> BoolArray:

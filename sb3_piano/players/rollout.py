@@ -10,12 +10,12 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs import EpisodeRecorder
 from sb3_piano.layers import layers
 from sb3_piano.players.policy import singles_of
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.take import Take
 from sb3_piano.threads import torch_computing
+from sb3_piano.wrappers import EpisodeRecorder
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.players.guides import PlayerGuide
@@ -26,6 +26,7 @@ from sb3_piano.players.tree import Step, Tree, TreeSettings
 from sb3_piano.policies.values import PolicyValues
 from sb3_piano.settings import Index, NotNegative, checked
 from sb3_piano.vec_env import HandsAsAgents
+from sb3_piano.wrappers import EpisodeRecorder
 from sb3_piano.wrappers.hand_actions import change_of_actions
 from sb3_piano.wrappers.piano import unwrap_piano
 

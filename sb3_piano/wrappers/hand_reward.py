@@ -11,9 +11,9 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.envs.rewards import held, labelled_fingering
-from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.envs.terms import as_loud
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.metrics.onsets import OpenOnsets
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
 from sb3_piano.settings import NotNegative, Share, checked

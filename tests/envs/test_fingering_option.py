@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from short_scores import score_of
 
-from sb3_piano.envs import PianoEnv, PianoVectorEnv
+from sb3_piano.batch import PianoVectorEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import generate_score
 from sb3_piano.music import BUILT_IN, Score, load_score, write_midi

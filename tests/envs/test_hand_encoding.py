@@ -144,7 +144,8 @@ def test_of_a_chord_of_twelve_notes_two_are_left_out_and_named(fingering):
     if fingering == "keep":  # as wrappers do that choose a piece with fingers
         score = apply_fingering(score, "robot")
     with pytest.warns(
-        PlanWarning, match=r"without a finger.*: \w+ \(pitch 6\d\) at 0.60 s; [^;]*s\.$"
+        PlanWarning,
+        match=r"^2 notes .*: \w+ \(pitch 6\d\) at 0.60 s: no finger is left.*; [^;]*\.$",
     ):
         env = PianoEnv(score, observation="hands", fingering=fingering, **OPTIONS)
     with warnings.catch_warnings():

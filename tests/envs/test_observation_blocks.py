@@ -10,7 +10,8 @@ import pytest
 from episodes import assert_checks_pass, at_random, steps_of
 from short_scores import score_of
 
-from sb3_piano.envs import Block, PianoEnv, PianoVectorEnv
+from sb3_piano.batch import PianoVectorEnv
+from sb3_piano.envs import Block, PianoEnv
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.imports import known_packages_only
 from sb3_piano.music import Score

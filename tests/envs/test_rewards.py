@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sb3_piano.envs import PianoEnv, rewards
-from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.metrics import Onsets, match_onsets
+from sb3_piano.metrics.onsets import OpenOnsets
 from sb3_piano.music import Note, PianoRoll, Score, load_score
 from sb3_piano.music.dynamics import velocity_of
 from sb3_piano.players import make_player

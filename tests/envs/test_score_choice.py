@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sb3_piano.envs import PianoEnv, PianoVectorEnv
+from sb3_piano.batch import PianoVectorEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.envs.score_choice import chosen_score
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.music import Note, Score

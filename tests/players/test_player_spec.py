@@ -7,11 +7,12 @@ from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.vec_env import DummyVecEnv
 from yaml_rows import Tables
 
-from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PlanSettings
 from sb3_piano.players import PLAYERS, PlayerSpec, TreeSearch, TreeSettings, rollout
 from sb3_piano.players.planned import PlannedPianist
+from sb3_piano.wrappers import EpisodeRecorder
 
 tables = Tables(__file__)
 

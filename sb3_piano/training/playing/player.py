@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy.typing as npt
 
-from sb3_piano.envs import GENERAL_ID, EpisodeRecorder, PianoEnv
+from sb3_piano.envs import GENERAL_ID, PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.layers import layers
 from sb3_piano.music import Score
@@ -24,6 +24,7 @@ from sb3_piano.take import Take
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.env_spec import Env, EnvSpec
 from sb3_piano.training.runs.provenance import versions
+from sb3_piano.wrappers import EpisodeRecorder
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 if TYPE_CHECKING:

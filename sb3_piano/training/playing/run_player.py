@@ -10,7 +10,7 @@ import gymnasium as gym
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from sb3_piano.callbacks.own_env import EnvWrapper
-from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.music import Score, load_score
 from sb3_piano.players import PlayerSpec, TreeSearch
@@ -23,6 +23,7 @@ from sb3_piano.training.runs.saved import (
     load_to_play,
     model_files,
 )
+from sb3_piano.wrappers import EpisodeRecorder
 
 
 def open_run(

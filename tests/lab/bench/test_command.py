@@ -14,8 +14,8 @@ from rich.console import Console
 from yaml_rows import Tables
 
 import sb3_piano.lab.bench
+from sb3_piano.batch import PianoVectorEnv
 from sb3_piano.cli import main
-from sb3_piano.envs import PianoVectorEnv
 from sb3_piano.lab.bench import BenchReport, players, render, workloads
 from sb3_piano.lab.bench.measurement import Row
 

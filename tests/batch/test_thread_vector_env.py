@@ -9,7 +9,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from short_scores import score_of
 from yaml_rows import Tables
 
-from sb3_piano.envs import ENV_IDS, PianoEnv, PianoVectorEnv
+from sb3_piano.batch import PianoVectorEnv
+from sb3_piano.envs import ENV_IDS, PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, ScoreError
 from sb3_piano.simulation.gl import find_gl_backend
 
@@ -233,7 +234,8 @@ def test_actions_of_a_wrong_shape_and_a_missing_reset_are_named(make):
 def test_make_vec_gives_it_for_every_id_without_a_warning():
     script = (
         "import gymnasium, sb3_piano\n"
-        "from sb3_piano.envs import ENV_IDS, PianoVectorEnv\n"
+        "from sb3_piano.batch import PianoVectorEnv\n"
+        "from sb3_piano.envs import ENV_IDS\n"
         "for env_id in ENV_IDS:\n"
         "    envs = gymnasium.make_vec(env_id, num_envs=2, n_threads=2, physics='fast')\n"
         "    assert type(envs) is PianoVectorEnv and envs.num_envs == envs.n_threads == 2\n"

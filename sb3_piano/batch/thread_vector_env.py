@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -77,8 +75,8 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         ]
         _check_same_size(envs)
         # Built first, so that errors have this package's messages.
-        limited: list[Any] = envs if limit is None else [TimeLimit(env, limit) for env in envs]
-        super().__init__([functools.partial(_same, env) for env in limited], autoreset_mode=mode)
+        built = iter(envs if limit is None else [TimeLimit(env, limit) for env in envs])
+        super().__init__([built.__next__] * num_envs, autoreset_mode=mode)
         self._env_obs: list[Any] = [None] * num_envs
         self._slot_infos: list[list[dict[str, Any]]] = [[] for _ in envs]
 
@@ -113,18 +111,14 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         )
         options = dict(reset_options(options))
         mask = self._checked_mask(options.pop("reset_mask", None))
-        each: list[dict[str, Any]] = [dict(options) for _ in self.envs]
-        if "score" in options:
-            for slot, score in enumerate(_scores(options["score"], count)):
-                each[slot]["score"] = score
+        scores = _scores(options["score"], count) if "score" in options else []
 
         def begin(slot: int) -> None:
             self._slot_infos[slot] = []
             if mask[slot]:
-                self._env_obs[slot], info = self.envs[slot].reset(
-                    seed=seeds[slot], options=each[slot]
-                )
-                self._slot_infos[slot] = [info]
+                own = {**options, "score": scores[slot]} if scores else options
+                result = self.envs[slot].reset(seed=seeds[slot], options=dict(own))
+                self._env_obs[slot], self._slot_infos[slot] = result[0], [result[1]]
 
         self._team.run(begin)
         for ended in (self._terminations, self._truncations, self._autoreset_envs):
@@ -221,17 +215,12 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         return mask
 
 
-def _same(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-    return env
-
-
 def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
     """Convert to an autoreset mode; raise a ConfigError if it is unknown."""
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        valid = ", ".join(repr(known.value) for known in AutoresetMode)
-        raise ConfigError(f"autoreset_mode is {mode!r}: expected one of {valid}.") from None
+    name = mode.value if isinstance(mode, AutoresetMode) else mode
+    return AutoresetMode(
+        checked("autoreset_mode", name, Literal["NextStep", "SameStep", "Disabled"])
+    )
 
 
 def _scores(score: ScoreSource | Sequence[ScoreSource], count: int) -> list[Score]:

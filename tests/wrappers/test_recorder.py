@@ -7,10 +7,11 @@ from episodes import steps_of
 from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.envs.record import press_times
 from sb3_piano.metrics import EPISODE_METRICS, Presses, presses_of
 from sb3_piano.music import Note, Score
+from sb3_piano.wrappers import EpisodeRecorder
 
 STEPS = 8  # the note's 0.4 s, with the control step in which it ends
 SCORE = Score(notes=[Note(onset=0.0, offset=0.35, pitch=60, finger=0)], title="one")

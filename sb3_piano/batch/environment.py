@@ -140,6 +140,11 @@ class BatchedPiano:
         for layer in layers(self.env):
             if isinstance(layer, HandActions):
                 self._actions = layer
+                if self._random is not None:
+                    raise ConfigError(
+                        "DomainRandomization is around HandActions: expected it inside, so that "
+                        "the actuators' targets come late."
+                    )
             elif isinstance(layer, HandReward):
                 self._reward = layer
                 _refuse_dynamics(layer.dynamics)

@@ -111,6 +111,6 @@ def test_worlds_have_physics_of_their_own(warp):
         np.testing.assert_allclose(theirs.worlds.fields[name].numpy(), own.numpy(), rtol=1e-6)
     np.testing.assert_allclose(theirs.worlds.qpos.numpy(), ours.worlds.qpos.numpy(), atol=1e-3)
     assert not torch.allclose(seen.observation[0], seen.observation[1], atol=1e-3)
+    heavy = [functools.partial(DomainRandomization, mass=(0.5, 2.0))]
     with pytest.raises(ConfigError, match="Masses cannot differ between worlds of MuJoCo Warp"):
-        heavy = [functools.partial(DomainRandomization, mass=(0.5, 2.0))]
         BatchedPiano(2, backend="warp", device="cpu", wrappers=heavy)

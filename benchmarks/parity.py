@@ -2,6 +2,8 @@
 
     python benchmarks/parity.py --backend cpu
     python benchmarks/parity.py --backend warp --device cuda --worlds 256
+    python benchmarks/parity.py --backend cpu --write steps.npz     # with one MuJoCo
+    python benchmarks/parity.py --backend cpu --read steps.npz      # with another
 
 The first table has one control step from equal states, by the kinds of shapes that touch there. A
 fault in one collision routine shows in its rows alone. The second table has episodes of equal
@@ -37,45 +39,57 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=32)
     parser.add_argument("--steps", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--write", help="also write MuJoCo's steps to this file (.npz)")
+    parser.add_argument("--read", help="compare with the steps in this file, of another MuJoCo")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     warnings.simplefilter("once")
     for physics in arguments.physics:
-        found = compare(physics, arguments)
         print(f"\n{physics}, {arguments.worlds} worlds, {arguments.steps} control steps\n")
-        print(table(("contacts", "states", "joints, median", "90 %", "most", "keys"), found[0]))
-        print()
-        heads = ("episodes of", "equal keys", "joints, median", "90 %", "F1", "strikes", "return")
-        print(table(heads, found[1]))
+        if arguments.read is not None:
+            with np.load(arguments.read) as steps:
+                single = single_steps(dict(steps), physics, arguments)
+        else:
+            steps, episodes = compare(physics, arguments)
+            single = single_steps(steps, physics, arguments)
+            if arguments.write is not None:
+                np.savez_compressed(arguments.write, **steps)
+        print(table(("contacts", "states", "joints, median", "90 %", "most", "keys"), single))
+        if arguments.read is None:
+            heads = ("episodes of", "equal keys", "joints, median", "90 %", "F1", "strikes")
+            print(f"\n{table((*heads, 'return'), episodes)}")
 
 
-def compare(physics: str, arguments: argparse.Namespace) -> tuple[list[Any], list[Any]]:
-    """Return the rows of both tables."""
+def made(physics: str, arguments: argparse.Namespace, **backend: Any) -> BatchedPiano:
+    """Return pianos at the start of their episodes."""
     options = {"metrics": "sums", "physics": physics, "observation": "fingers"}
-    other: dict[str, Any] = {"backend": arguments.backend, "device": arguments.device}
-    own = [BatchedPiano(arguments.worlds, PIECE, **options) for _ in range(2)]
-    theirs = BatchedPiano(arguments.worlds, PIECE, **other, **options)
-    stage = BatchedPiano(arguments.worlds, PIECE, **other, **options)
-    batches = {"MuJoCo": own[0], f"MuJoCo, {NEAR:g} beside": own[1], "the other": theirs}
-    for batch in (*batches.values(), stage):
-        batch.reset()
+    batch = BatchedPiano(arguments.worlds, PIECE, **backend, **options)
+    batch.reset()
+    return batch
+
+
+def compare(physics: str, arguments: argparse.Namespace) -> tuple[dict[str, Any], list[Any]]:
+    """Return the steps of MuJoCo's own worlds, and the rows of the second table."""
+    own, beside = made(physics, arguments), made(physics, arguments)
+    other = made(physics, arguments, backend=arguments.backend, device=arguments.device)
+    batches = {"MuJoCo": own, f"MuJoCo, {NEAR:g} beside": beside, "the other": other}
     random = np.random.default_rng(arguments.seed)
-    beside = own[1].worlds
-    noise = torch.from_numpy(random.normal(0, NEAR, beside.qpos.shape))
-    beside.set_state(beside.qpos + noise, beside.qvel.clone())
-    action = np.zeros((arguments.worlds, own[0].action_space.shape[0]))
-    single: dict[str, list[Any]] = defaultdict(list)
-    equal, apart = defaultdict(list), defaultdict(list)
+    noise = torch.from_numpy(random.normal(0, NEAR, beside.worlds.qpos.shape))
+    beside.worlds.set_state(beside.worlds.qpos + noise, beside.worlds.qvel.clone())
+    action = np.zeros((arguments.worlds, own.action_space.shape[0]))
+    steps, equal, apart = (defaultdict(list) for _ in range(3))
     strikes = {name: torch.zeros(arguments.worlds) for name in batches}
     for _ in range(arguments.steps):
         action = np.clip(0.9 * action + 0.3 * random.normal(size=action.shape), -1, 1)
-        told = torch.from_numpy(action.astype(np.float32))
-        before = own[0].worlds
-        stage.worlds.set_state(before.qpos.clone(), before.qvel.clone())
-        for batch in (*batches.values(), stage):
-            batch.step(told)
-        keys, joints = state(own[0])
-        add_single_steps(single, own[0], keys, joints, state(stage))
+        for name in ("qpos", "qvel"):
+            steps[name].append(getattr(own.worlds, name).numpy().copy())
+        steps["action"].append(action.astype(np.float32))
+        for batch in batches.values():
+            batch.step(torch.from_numpy(steps["action"][-1]))
+        keys, joints = state(own)
+        steps["keys"].append(keys.numpy())
+        steps["joints"].append(joints.numpy())
+        steps["kinds"].append([kinds(own, world) for world in range(arguments.worlds)])
         for name, batch in batches.items():
             other_keys, other_joints = state(batch)
             strikes[name] += batch.heard.struck.sum(1).cpu()
@@ -86,14 +100,36 @@ def compare(physics: str, arguments: argparse.Namespace) -> tuple[list[Any], lis
         off = torch.cat(apart[name]).numpy()
         row = [name, f"{torch.cat(equal[name]).double().mean():.3f}"]
         row += [f"{np.quantile(off, share):.0e}" for share in (0.5, 0.9)]
-        found = batch.summaries(range(arguments.worlds))
-        of_worlds = (
-            [each["f1"] for each in found],
-            strikes[name].tolist(),
-            batch.sums.earned.tolist(),
-        )
+        f1 = [each["f1"] for each in batch.summaries(range(arguments.worlds))]
+        of_worlds = (f1, strikes[name].tolist(), batch.sums.earned.tolist())
         rows.append([*row, *(f"{np.mean(x):.3f} ± {deviation(x):.3f}" for x in of_worlds)])
-    return [summary(name, single[name]) for name in sorted(single)], rows
+    return {name: np.array(values) for name, values in steps.items()}, rows
+
+
+def single_steps(
+    steps: dict[str, Any], physics: str, arguments: argparse.Namespace
+) -> list[list[str]]:
+    """Return the rows of the first table: each step again, from the state before it."""
+    stage = made(physics, arguments, backend=arguments.backend, device=arguments.device)
+    found: dict[str, list[Any]] = defaultdict(list)
+    for number, action in enumerate(steps["action"]):
+        before = (torch.from_numpy(steps[name][number]) for name in ("qpos", "qvel"))
+        stage.worlds.set_state(*(one.to(stage.worlds.qpos) for one in before))
+        stage.step(torch.from_numpy(action))
+        keys, joints = (tensor.numpy() for tensor in state(stage))
+        off = np.abs(joints - steps["joints"][number]).max(axis=1)
+        wrong = (keys != steps["keys"][number]).any(axis=1)
+        for world, kinds in enumerate(steps["kinds"][number]):
+            for kind in str(kinds).split():
+                found[kind].append((off[world], wrong[world]))
+    return [summary(kind, found[kind]) for kind in sorted(found)]
+
+
+def kinds(batch: BatchedPiano, world: int) -> str:
+    """Return the kinds of shapes that touch in a world, separated by spaces."""
+    assert isinstance(batch.worlds, CpuWorlds), "the reference is MuJoCo's own"
+    found = {"-".join(pair).lower() for pair in batch.worlds.contacts(world)}
+    return " ".join(sorted(found or {"none"}))
 
 
 def deviation(numbers: list[float]) -> float:
@@ -106,23 +142,6 @@ def state(batch: BatchedPiano) -> tuple[torch.Tensor, torch.Tensor]:
     joints = torch.as_tensor(batch.piano.scene.hand_qpos, device=batch.device)
     positions = batch.worlds.qpos.index_select(1, joints)
     return batch.heard.sounding.cpu(), positions.double().cpu()
-
-
-def add_single_steps(
-    single: dict[str, list[Any]],
-    own: BatchedPiano,
-    keys: torch.Tensor,
-    joints: torch.Tensor,
-    theirs: tuple[torch.Tensor, torch.Tensor],
-) -> None:
-    """Add what each world's step was off by to the kinds of contacts that it ended with."""
-    assert isinstance(own.worlds, CpuWorlds), "the reference is MuJoCo's own"
-    off = (theirs[1] - joints).abs().amax(1).tolist()
-    wrong = (theirs[0] != keys).any(1).tolist()
-    for world, pair in enumerate(zip(off, wrong, strict=True)):
-        kinds = {"-".join(kinds).lower() for kinds in own.worlds.contacts(world)}
-        for kind in kinds or {"none"}:
-            single[kind].append(pair)
 
 
 def summary(kind: str, found: list[tuple[float, bool]]) -> list[str]:

@@ -20,10 +20,10 @@ TESTS = Path(__file__).parent
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
     "base": 2_035,
-    "batch": 1_980,
+    "batch": 2_168,
     "buffers": 654,
-    "callbacks": 2_791,
-    "cli": 3_405,
+    "callbacks": 2_793,
+    "cli": 3_432,
     "demonstrations": 1_502,
     "envs": 3_529,
     "hands": 997,
@@ -36,14 +36,14 @@ LINES = {
     "pipelines": 1_078,
     "planning": 2_955,
     "players": 2_162,
-    "policies": 1_588,
+    "policies": 1_661,
     "reading": 545,
-    "simulation": 900,
-    "training": 6_308,
+    "simulation": 901,
+    "training": 6_374,
     "tuning": 1_260,
     "vec_env": 488,
     "viewing": 3_012,
-    "wrappers": 2_061,
+    "wrappers": 2_269,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_079
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_390, "modules": 336, "names": 227},
+    "core": {"lines": 50_955, "modules": 339, "names": 228},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
-    "tests": {"lines": 41_755},
+    "tests": {"lines": 42_121},
 }
 
 

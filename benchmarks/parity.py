@@ -62,7 +62,7 @@ def main() -> None:
 
 def made(physics: str, arguments: argparse.Namespace, **backend: Any) -> BatchedPiano:
     """Return pianos at the start of their episodes."""
-    options = {"metrics": "sums", "physics": physics, "observation": "fingers"}
+    options: dict[str, Any] = {"metrics": "sums", "physics": physics, "observation": "fingers"}
     batch = BatchedPiano(arguments.worlds, PIECE, **backend, **options)
     batch.reset()
     return batch

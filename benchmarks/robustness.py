@@ -41,10 +41,10 @@ def main() -> None:
     arguments = parser.parse_args()
     print("| condition | F1 | onset F1 |\n|---|---:|---:|")
     for name, conditions in CONDITIONS.items():
-        wrapper = {"sb3_piano.wrappers.DomainRandomization": conditions}
+        wrappers: Any = [{"sb3_piano.wrappers.DomainRandomization": conditions}]
         found = []
         for piece in arguments.pieces:
-            env = dataclasses.replace(stage_for(piece), wrappers=[wrapper])
+            env = dataclasses.replace(stage_for(piece), wrappers=wrappers)
             options = {"seed": arguments.seeds, "physics": arguments.physics}
             found.append(evaluate(arguments.player, env=env, score=piece, **options).summary)
         f1, onset_f1 = (np.mean([each[n].mean for each in found]) for n in ("f1", "onset_f1"))

@@ -88,6 +88,11 @@ class CpuWorlds(Worlds):
         self._batch.forward(ids, stage=self._stage)
         self.lost[mask] = False
 
+    def set_state(self, qpos: Tensor, qvel: Tensor) -> None:
+        """Set the state; see :meth:`Worlds.set_state`."""
+        self.qpos[:], self.qvel[:] = qpos, qvel
+        self._batch.forward(stage=self._stage)
+
     def step(self, controls: Tensor) -> None:
         """Play a control step; see :meth:`Worlds.step`."""
         before = self._warnings.sum(axis=1)
@@ -99,6 +104,13 @@ class CpuWorlds(Worlds):
     def geom_xmat(self) -> Tensor:
         """(N, ngeom, 9) axes of all shapes, copied in each step after the first access."""
         return self._view("geom_xmat").view(self.count, -1, 9)
+
+    def contacts(self, world: int) -> list[tuple[str, str]]:
+        """Return the kinds of shapes of each contact in a world, such as ("BOX", "CAPSULE")."""
+        self._batch.get_data(world, self._data)
+        kinds = self.scene.model.geom_type[self._data.contact.geom]
+        names = [[mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_") for kind in p] for p in kinds]
+        return [(min(pair), max(pair)) for pair in names]
 
     def key_angles(self, worlds: Tensor | slice) -> Tensor:
         """Return the angles of keys; see :meth:`Worlds.key_angles`."""

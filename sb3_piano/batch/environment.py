@@ -11,6 +11,7 @@ import torch
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from stable_baselines3.common.monitor import Monitor
 
+from sb3_piano.arrays import Arrays
 from sb3_piano.batch.episodes import History, Sums
 from sb3_piano.batch.hands import HandControls, HandRewards
 from sb3_piano.batch.observations import observations_of
@@ -19,6 +20,7 @@ from sb3_piano.batch.task import Heard, Strikes, Task
 from sb3_piano.batch.varied import Varied
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs import PianoEnv, PianoEnvConfig
+from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.piano_env import HAND_OFFSET
 from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, one_line
@@ -129,7 +131,8 @@ class BatchedPiano:
         )
         """Pieces as tables of tensors."""
         self._begin_all(metrics)
-        self.action_space, self.observation_space = env.action_space, env.observation_space
+        self.action_space: Any = env.action_space
+        self.observation_space: Any = env.observation_space
 
     def _take_wrappers(self) -> None:
         """Find the supported wrappers; refuse all others."""
@@ -140,6 +143,11 @@ class BatchedPiano:
         for layer in layers(self.env):
             if isinstance(layer, HandActions):
                 self._actions = layer
+                if self._random is not None:
+                    raise ConfigError(
+                        "DomainRandomization is around HandActions: expected it inside, so that "
+                        "the actuators' targets come late."
+                    )
             elif isinstance(layer, HandReward):
                 self._reward = layer
                 _refuse_dynamics(layer.dynamics)
@@ -160,7 +168,9 @@ class BatchedPiano:
         self, scores: Sequence[ScoreSource | None], draws: int, seed: int | None
     ) -> Pieces:
         """Return the pieces as tables; note the piece of each draw."""
-        goals, tables, drawn = [], [], []
+        goals: list[Goal] = []
+        tables: list[Arrays] = []
+        drawn: list[int] = []
         for number in range(draws if self._drawn else len(scores)):
             given = None if self._drawn else scores[number]
             chosen = {} if given is None else {"score": given}

@@ -150,6 +150,14 @@ class WarpWorlds(Worlds):
         self._run("reset")
         self.lost = self.lost & ~self._mask
 
+    def set_state(self, qpos: Tensor, qvel: Tensor) -> None:
+        """Set the state; see :meth:`Worlds.set_state`."""
+        self.qpos.copy_(qpos)
+        self.qvel.copy_(qvel)
+        with wp.ScopedDevice(self._on):
+            mjw.step1(self._m, self._d)
+            self._note_contacts()
+
     def step(self, controls: Tensor) -> None:
         """Simulate a control step; see :meth:`Worlds.step`."""
         self._ctrl.copy_(controls)

@@ -74,6 +74,10 @@ class Worlds(ABC):
         """
 
     @abstractmethod
+    def set_state(self, qpos: Tensor, qvel: Tensor) -> None:
+        """Set positions, (N, nq), and velocities, (N, nv), of all worlds."""
+
+    @abstractmethod
     def step(self, controls: Tensor) -> None:
         """Simulate a control step in all worlds, with (N, nu) actuator targets."""
 

@@ -40,9 +40,12 @@ class RegularizedCritic(ContinuousCritic):
         super().__init__(*args, **kwargs)
         self._action_cost, self._mean_q = action_cost, mean_q
 
+    each = ContinuousCritic.forward
+    """Method that returns each critic's values, (n, 1)."""
+
     def forward(self, obs: torch.Tensor, actions: torch.Tensor) -> tuple[torch.Tensor, ...]:
         """Return each critic's values, (n, 1), or their mean if averaged."""
-        values = super().forward(obs, actions)
+        values = self.each(obs, actions)
         if not actions.requires_grad:
             return values
         if self._mean_q:

@@ -84,7 +84,10 @@ class DomainRandomization(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConst
             "key_threshold": key_threshold,
             "actuator_gain": actuator_gain,
         }
-        sizes = {"observation_noise": observation_noise, "keyboard_offset": keyboard_offset}
+        sizes: dict[str, Any] = {
+            "observation_noise": observation_noise,
+            "keyboard_offset": keyboard_offset,
+        }
         gym.utils.RecordConstructorArgs.__init__(self, **factors, latency=latency, **sizes)
         super().__init__(env)
         self._piano = unwrap_piano(env, type(self).__name__)
@@ -128,7 +131,8 @@ class DomainRandomization(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConst
         model = scene.model
 
         def factors(kind: str, size: int) -> FloatArray:
-            return random.uniform(*self.factors[kind], (count, size))
+            low, high = self.factors[kind]
+            return random.uniform(low, high, (count, size))
 
         fields = {name: np.repeat(getattr(model, name)[None], count, 0) for name in self.varied}
         keys = model.geom_bodyid[scene.key_geom]

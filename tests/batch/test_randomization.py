@@ -114,5 +114,7 @@ def test_ranges_are_checked():
         DomainRandomization(env, mass=(2, 1))
     with pytest.raises(ConfigError, match="latency"):
         DomainRandomization(env, latency=(0, 1.5))
+    with pytest.raises(ConfigError, match="DomainRandomization is around HandActions"):
+        BatchedPiano(1, SCORE, wrappers=[HandActions, DomainRandomization], observation="hands")
     with pytest.raises(ConfigError, match="friction"):
         DomainRandomization(env, friction=0.5)

@@ -1,5 +1,6 @@
 """MuJoCo Warp, on its CPU device, plays as MuJoCo does; needs the extra ``gpu``."""
 
+import functools
 import warnings
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from sb3_piano.batch import BatchedPiano
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.wrappers import DomainRandomization
 
 OPTIONS = {"observation": "fingers", "reduced_action_space": False, "initial_buffer_time": 0.5}
 
@@ -89,3 +91,26 @@ def test_larger_buffers_and_quiet_hands_warn_of_nothing(warp):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         batch.step(torch.zeros(1, 39))
+
+
+@pytest.mark.slow
+def test_worlds_have_physics_of_their_own(warp):
+    ranges = {"friction": (0.5, 2.0), "key_spring": (0.5, 2.0), "actuator_gain": (0.7, 1.4)}
+    ranges |= {"keyboard_offset": 0.01}
+    wrappers = [functools.partial(DomainRandomization, **ranges)]
+    options = {"physics": "fast-capsules", "observation": "fingers", "wrappers": wrappers}
+    ours, theirs = (
+        BatchedPiano(3, seed=0, **more, **options)
+        for more in ({}, {"backend": "warp", "device": "cpu"})
+    )
+    for batch in (ours, theirs):
+        batch.reset()
+        for _ in range(6):
+            seen = batch.step(torch.full((3, 39), 0.3))
+    for name, own in ours.worlds.fields.items():
+        np.testing.assert_allclose(theirs.worlds.fields[name].numpy(), own.numpy(), rtol=1e-6)
+    np.testing.assert_allclose(theirs.worlds.qpos.numpy(), ours.worlds.qpos.numpy(), atol=1e-3)
+    assert not torch.allclose(seen.observation[0], seen.observation[1], atol=1e-3)
+    heavy = [functools.partial(DomainRandomization, mass=(0.5, 2.0))]
+    with pytest.raises(ConfigError, match="Masses cannot differ between worlds of MuJoCo Warp"):
+        BatchedPiano(2, backend="warp", device="cpu", wrappers=heavy)

@@ -18,6 +18,7 @@ from sb3_piano.lab.music import CorpusExcerpt
 from sb3_piano.layers import layers
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import (
+    DomainRandomization,
     Excerpt,
     FingeringDecay,
     HandActions,
@@ -53,6 +54,7 @@ ARGUMENTS = {
     Excerpt: {"start": "random", "length": 0.1},
     KeyRange: {"keys": [36, 91]},
     Lookahead: {"steps": 4, "stride": 2, "fingers": True},
+    DomainRandomization: {"mass": [0.5, 2], "latency": [0, 2], "observation_noise": 0.01},
     HandActions: {"reach": 0.8},
     HandReward: {"own": 0.5, "within": 0.2, "strikes": 0.1},
     HideFingering: {},

@@ -32,12 +32,12 @@ LINES = {
     "jobs": 741,
     "lab": 7_479,
     "metrics": 1_368,
-    "music": 8_760,
+    "music": 8_770,
     "pipelines": 1_078,
-    "planning": 2_955,
+    "planning": 2_989,
     "players": 2_162,
     "policies": 1_588,
-    "reading": 545,
+    "reading": 551,
     "simulation": 900,
     "training": 6_308,
     "tuning": 1_260,
@@ -54,9 +54,9 @@ LONG_WORK_LINES = 3_079
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_390, "modules": 336, "names": 227},
+    "core": {"lines": 50_440, "modules": 336, "names": 227},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
-    "tests": {"lines": 41_755},
+    "tests": {"lines": 41_808},
 }
 
 

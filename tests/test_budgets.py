@@ -32,7 +32,7 @@ LINES = {
     "jobs": 741,
     "lab": 7_479,
     "metrics": 1_368,
-    "music": 8_770,
+    "music": 8_769,
     "pipelines": 1_078,
     "planning": 2_989,
     "players": 2_162,
@@ -54,7 +54,7 @@ LONG_WORK_LINES = 3_079
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_440, "modules": 336, "names": 227},
+    "core": {"lines": 50_439, "modules": 336, "names": 227},
     "lab": {"lines": 7_479, "modules": 55, "names": 23},
     "tests": {"lines": 41_808},
 }

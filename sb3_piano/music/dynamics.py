@@ -2,8 +2,7 @@
 
 Hearing is logarithmic, and so is the map: velocity = 25 log2(n) - 50, where n is how often the key
 would make its travel in a second. White keys have the velocity 48 at 1 rad/s; black ones 37, as
-their levers are shorter and turn farther. 25 a doubling is what computer-controlled grand pianos
-write for the speed of their hammers, which rise in proportion to the keys (Goebl and Bresin 2003).
+their levers are shorter and turn farther. Hands can play what music asks for in this range.
 The browser page uses the same map (``web/src/music/dynamics.ts``).
 """
 

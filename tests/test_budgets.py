@@ -19,31 +19,31 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 2_564,
-    "batch": 1_980,
+    "base": 2_566,
+    "batch": 2_418,
     "buffers": 654,
-    "callbacks": 2_859,
-    "cli": 3_404,
+    "callbacks": 2_891,
+    "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 3_529,
+    "envs": 2_827,
     "hands": 901,
-    "hyperparams": 35,
+    "hyperparams": 39,
     "interop": 236,
     "jobs": 731,
-    "lab": 7_479,
-    "metrics": 1_368,
-    "music": 8_836,
+    "lab": 7_596,
+    "metrics": 1_416,
+    "music": 8_845,
     "pipelines": 1_009,
-    "planning": 2_955,
-    "players": 2_162,
-    "policies": 1_588,
-    "reading": 445,
-    "simulation": 900,
-    "training": 6_236,
+    "planning": 2_989,
+    "players": 2_187,
+    "policies": 1_682,
+    "reading": 451,
+    "simulation": 901,
+    "training": 6_330,
     "tuning": 1_260,
-    "vec_env": 488,
+    "vec_env": 491,
     "viewing": 2_575,
-    "wrappers": 2_061,
+    "wrappers": 2_428,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_278, "modules": 334, "names": 225},
-    "lab": {"lines": 7_479, "modules": 55, "names": 23},
-    "tests": {"lines": 41_415},
+    "core": {"lines": 50_769, "modules": 336, "names": 226},
+    "lab": {"lines": 7_596, "modules": 56, "names": 23},
+    "tests": {"lines": 42_057},
 }
 
 

@@ -16,9 +16,9 @@ from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, desc
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS, UNKNOWN_FINGER
+from sb3_piano.music.fingering.problems import summary, unheld
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
 from sb3_piano.reading.piece import HandReading, bounds_of
-from sb3_piano.reading.problems import summary, unheld
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
 

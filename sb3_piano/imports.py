@@ -31,7 +31,7 @@ _ZOO_NAMES = {
 _MOVED = {
     "sb3_piano.bench": "sb3_piano.lab.bench",
     "sb3_piano.distillation": "sb3_piano.lab.distillation",
-    "sb3_piano.envs.EpisodeRecorder": "sb3_piano.wrappers.EpisodeRecorder",
+    "sb3_piano.envs.EpisodeRecorder": "sb3_piano.players.EpisodeRecorder",
     "sb3_piano.envs.PianoVectorEnv": "sb3_piano.batch.PianoVectorEnv",
     "sb3_piano.music.Corpus": "sb3_piano.lab.music.Corpus",
     "sb3_piano.music.corpus": "sb3_piano.lab.music.corpus",

@@ -43,7 +43,7 @@ def test_the_score_of_what_was_played_has_its_times_fingers_and_pedal():
     assert score.title == "two notes"
     found = [(note.pitch, note.onset, note.offset, note.finger) for note in score.notes]
     assert found == [(60, 0.035, 0.115, 0), (62, 0.165, 0.26, 7)]
-    assert [note.velocity for note in score.notes] == [62, 87]
+    assert [note.velocity for note in score.notes] == [48, 73]
     spans = [(pedal.onset, pedal.offset) for pedal in score.pedals]
     assert spans == [pytest.approx((0.05, 0.15)), pytest.approx((0.2, 0.25))]
     for steps in (0, 6):  # of nothing played there is none

@@ -19,11 +19,11 @@ from sb3_piano.callbacks.own_env import (
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.links import make_folder
+from sb3_piano.players import EpisodeRecorder
 from sb3_piano.players.rollout import rollout
 from sb3_piano.settings import Positive, Unit, checked
 from sb3_piano.take import Take, write_take
 from sb3_piano.viewing import Picture, View
-from sb3_piano.wrappers import EpisodeRecorder
 
 
 class PerformanceVideoCallback(OwnEnvCallback):

@@ -12,6 +12,7 @@ from sb3_piano.players.hand_model import HandModel
 from sb3_piano.players.making import PLAYERS, make_player
 from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.players.policy import PianoPolicy
+from sb3_piano.players.recorder import EpisodeRecorder
 from sb3_piano.players.residual import PlayerResidual
 from sb3_piano.players.rollout import Player, Transition, rollout
 from sb3_piano.players.sampling import PredictiveSampling
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PLAYERS",
+    "EpisodeRecorder",
     "HandModel",
     "PianoPolicy",
     "PlannedPianist",

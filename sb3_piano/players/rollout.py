@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from sb3_piano.layers import layers
 from sb3_piano.players.policy import singles_of
+from sb3_piano.players.recorder import EpisodeRecorder
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.take import Take
 from sb3_piano.threads import torch_computing
-from sb3_piano.wrappers import EpisodeRecorder
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
@@ -73,8 +73,8 @@ def rollout(
     """Play episodes with the deterministic policy; yield a take of each when it has ended.
 
     The seed applies to the first episode, and the others continue its random sequence, as in
-    Gymnasium. An :class:`~sb3_piano.envs.EpisodeRecorder` among the wrappers decides which rewards
-    are recorded; without one, those of the outermost wrapper are.
+    Gymnasium. An :class:`~sb3_piano.players.EpisodeRecorder` among the wrappers decides which
+    rewards are recorded; without one, those of the outermost wrapper are.
 
     Args:
         player: The player.

@@ -22,11 +22,11 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.players.guides import PlayerGuide
 from sb3_piano.players.policy import PianoPolicy, singles_of
+from sb3_piano.players.recorder import EpisodeRecorder
 from sb3_piano.players.tree import Step, Tree, TreeSettings
 from sb3_piano.policies.values import PolicyValues
 from sb3_piano.settings import Index, NotNegative, checked
 from sb3_piano.vec_env import HandsAsAgents
-from sb3_piano.wrappers import EpisodeRecorder
 from sb3_piano.wrappers.hand_actions import change_of_actions
 from sb3_piano.wrappers.piano import unwrap_piano
 

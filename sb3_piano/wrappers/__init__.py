@@ -12,7 +12,6 @@ from sb3_piano.wrappers.pixels import Pixels
 from sb3_piano.wrappers.previous_action_reward import PreviousActionReward
 from sb3_piano.wrappers.random_piece import RandomPiece
 from sb3_piano.wrappers.randomization import DomainRandomization
-from sb3_piano.wrappers.recorder import EpisodeRecorder
 from sb3_piano.wrappers.rewards import (
     FingeringDecay,
     KeyRewardTiering,
@@ -25,7 +24,6 @@ from sb3_piano.wrappers.transforms import OctaveShift, PitchShift, TemporalStret
 
 __all__ = [
     "DomainRandomization",
-    "EpisodeRecorder",
     "Excerpt",
     "FingeringDecay",
     "HandActions",

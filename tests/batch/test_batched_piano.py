@@ -88,15 +88,18 @@ def test_observations_rewards_and_metrics_are_those_of_single_environments(obser
     assert assert_equal_episodes(observation=observation) > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observation", ["roll", "fingers", "hands"])
 def test_a_hand_with_four_fingers_is_batched_as_well(observation):
     assert_equal_episodes(HANDS[1:] * (observation == "hands"), hand=LEAP, observation=observation)
 
 
+@pytest.mark.slow
 def test_a_window_of_keys_is_cut_in_the_same_way():
     assert_equal_episodes(observation="window", scores=SCORES[1:])
 
 
+@pytest.mark.slow
 def test_strikes_and_the_end_of_a_step_as_the_goal_are_rewarded_alike():
     assert_equal_episodes(reward_weights={"strike": 0.3, "energy": 0.0}, goal_time="end")
 
@@ -118,10 +121,12 @@ def test_a_piano_without_hands_plays_itself():
     assert assert_equal_episodes(hands_in_scene="none") > 10
 
 
+@pytest.mark.slow
 def test_without_fingers_any_may_play():
     assert_equal_episodes(fingering="optimal-transport", forearm_reward=False)
 
 
+@pytest.mark.slow
 def test_forearms_that_turn_are_told_to_touch_alike():
     assert_equal_episodes(forearm_dofs=["forearm_tx", "forearm_yaw"])
 
@@ -134,6 +139,7 @@ def test_hands_act_and_are_rewarded_as_by_their_wrappers():
     assert assert_equal_episodes(HANDS, observation="hands") > 10
 
 
+@pytest.mark.slow
 def test_recorded_playing_is_equal_with_the_physics_that_is_faithful(performance):
     actions, piece = performance["action"].astype(np.float32), f"debug-{performance.piece}"
     options = {"physics": "faithful", "observation": "fingers", **performance.options}

@@ -206,7 +206,9 @@ def test_a_piece_that_a_block_refuses_leaves_the_former_one(observation):
 
 def test_worlds_of_a_batch_refuse_them():
     torch_batch = pytest.importorskip("sb3_piano.batch")
-    with pytest.raises(ConfigError, match="block Due sees one environment and cannot be batched"):
+    with pytest.raises(
+        ConfigError, match="Due of observation_blocks sees one environment and cannot be batched"
+    ):
         torch_batch.BatchedPiano(2, PIECE, observation_blocks=[Due])
 
 

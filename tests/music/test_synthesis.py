@@ -85,6 +85,7 @@ def test_a_key_struck_again_before_it_is_let_go_is_heard_twice():
     np.testing.assert_allclose(heard, [0.0, 1.0], atol=0.01)
 
 
+@pytest.mark.slow
 def test_half_the_velocity_is_a_quarter_as_loud_in_every_piece_and_nothing_is_clipped():
     for pitch in (30, 60, 100):
         loud, soft = (synthesize(score((0.0, 1.0, pitch, v))) for v in (100, 50))

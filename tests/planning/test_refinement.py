@@ -85,6 +85,7 @@ def test_a_refined_plan_sounds_better_and_on_stage_as_it_was_found(found, file, 
     assert play_episode(env, PlannedPianist(env, plan=file))["f1"] == f1
 
 
+@pytest.mark.slow
 def test_its_commands_are_the_same_where_observations_are_rounded_otherwise(file, env):
     layout = env.observation_layout
     joints = np.zeros(env.observation_space.shape, dtype=bool)

@@ -48,6 +48,7 @@ def test_in_two_processes_the_result_is_the_same():
     assert here == os.getpid() != there
 
 
+@pytest.mark.slow
 def test_if_the_other_process_is_killed_all_is_done_in_this_one():
     (one, here), (other, there) = in_two_processes(killed_elsewhere, 1, 10)
     assert (one, other) == (442, 451)

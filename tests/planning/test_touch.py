@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 from short_pieces import BUFFER, QUICK, five_fingers, piano, planned
 
 from sb3_piano.music import Score
@@ -35,6 +36,7 @@ def played(score, **settings):
     return list(map(velocity_of, found.strike_speed, found.presses.key)), info["f1"]
 
 
+@pytest.mark.slow
 def test_strikes_are_as_loud_as_asked():
     struck, f1 = played(LOUD, dynamics=1)
     flat, flat_f1 = played(LOUD)

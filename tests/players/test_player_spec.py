@@ -10,9 +10,15 @@ from yaml_rows import Tables
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PlanSettings
-from sb3_piano.players import PLAYERS, PlayerSpec, TreeSearch, TreeSettings, rollout
+from sb3_piano.players import (
+    PLAYERS,
+    EpisodeRecorder,
+    PlayerSpec,
+    TreeSearch,
+    TreeSettings,
+    rollout,
+)
 from sb3_piano.players.planned import PlannedPianist
-from sb3_piano.wrappers import EpisodeRecorder
 
 tables = Tables(__file__)
 

@@ -41,7 +41,9 @@ OF_ALGORITHM = {
     "ppo": {"n_steps": 64, "batch_size": 32},
 }
 SMALL = {"pi": [16, 8], "qf": [16], "vf": [16]}
-each = pytest.mark.parametrize("name", MODELS)
+each = pytest.mark.parametrize(
+    "name", ["sac", "td3", pytest.param("tqc", marks=pytest.mark.slow), "ppo"]
+)
 
 
 class Reach(gym.Env):

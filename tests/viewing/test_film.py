@@ -10,9 +10,9 @@ import pytest
 from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
+from sb3_piano.players import EpisodeRecorder
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.viewing import PerformanceRenderer, Picture, View, film, moments
-from sb3_piano.wrappers import EpisodeRecorder
 
 VIEWS = typing.get_args(View)
 

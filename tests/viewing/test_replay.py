@@ -13,10 +13,10 @@ from playwright.sync_api import expect
 from short_scores import score_of
 
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.players import EpisodeRecorder
 from sb3_piano.training import write_report
 from sb3_piano.viewing.report import Report, replay, report_html
 from sb3_piano.viewing.report.replay import RESOLUTION, player_script, replay_of
-from sb3_piano.wrappers import EpisodeRecorder
 
 SCORE = score_of((0.0, 0.45, 60, 1), title="one note")
 

@@ -17,14 +17,13 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.layers import layers
 from sb3_piano.music import Score
 from sb3_piano.music.catalogue import is_path
-from sb3_piano.players import Player, PlayerSpec, Transition, rollout
+from sb3_piano.players import EpisodeRecorder, Player, PlayerSpec, Transition, rollout
 from sb3_piano.players.policy import singles_of
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.take import Take
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.env_spec import Env, EnvSpec
 from sb3_piano.training.runs.provenance import versions
-from sb3_piano.wrappers import EpisodeRecorder
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.music import Score, load_score
-from sb3_piano.players import PlayerSpec, TreeSearch
+from sb3_piano.players import EpisodeRecorder, PlayerSpec, TreeSearch
 from sb3_piano.players.policy import singles_of
 from sb3_piano.training.playing.player import OpenPlayer, Source, closed_if_it_fails
 from sb3_piano.training.runs.builders import Env, build_vec_env
@@ -23,7 +23,6 @@ from sb3_piano.training.runs.saved import (
     load_to_play,
     model_files,
 )
-from sb3_piano.wrappers import EpisodeRecorder
 
 
 def open_run(

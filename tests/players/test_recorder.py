@@ -11,7 +11,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.envs.record import press_times
 from sb3_piano.metrics import EPISODE_METRICS, Presses, presses_of
 from sb3_piano.music import Note, Score
-from sb3_piano.wrappers import EpisodeRecorder
+from sb3_piano.players import EpisodeRecorder
 
 STEPS = 8  # the note's 0.4 s, with the control step in which it ends
 SCORE = Score(notes=[Note(onset=0.0, offset=0.35, pitch=60, finger=0)], title="one")

@@ -197,6 +197,7 @@ def test_a_study_takes_the_first_seconds_of_its_pieces_and_reports_what_has_ende
     assert "expected one that has ended" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_evaluations_normalise_as_the_training_does(tmp_path):
     settings = {"normalize": {"norm_reward": False}, "learning_starts": 10**6}
     piece = learning["Piece"](env_id="RoboPianist-debug-CMajorScaleOneHand-v0")

@@ -25,7 +25,7 @@ LINES = {
     "callbacks": 2_891,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_827,
+    "envs": 2_888,
     "hands": 901,
     "hyperparams": 39,
     "interop": 236,
@@ -35,15 +35,15 @@ LINES = {
     "music": 8_845,
     "pipelines": 1_009,
     "planning": 2_989,
-    "players": 2_187,
+    "players": 2_290,
     "policies": 1_682,
     "reading": 451,
     "simulation": 901,
-    "training": 6_330,
+    "training": 6_328,
     "tuning": 1_260,
     "vec_env": 491,
     "viewing": 2_575,
-    "wrappers": 2_428,
+    "wrappers": 2_269,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_769, "modules": 336, "names": 226},
+    "core": {"lines": 50_772, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 42_057},
+    "tests": {"lines": 42_101},
 }
 
 

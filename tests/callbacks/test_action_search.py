@@ -42,6 +42,7 @@ def looked_at(callback, look, **arguments):
     learner(**arguments).learn(20, callback=[callback, looking(look)])
 
 
+@pytest.mark.slow
 def test_evaluations_in_the_training_are_not_searched():
     judge = F1Callback(piano(), deterministic=False, eval_freq=4, evaluate_start=True)
     callback = ActionSearchCallback(candidates=3, score="simulation")
@@ -87,6 +88,7 @@ def test_greedy_choice_by_critics_takes_the_action_that_they_value_most():
     looked_at(ActionSearchCallback(candidates=12, choice="greedy", optimism=1.5), look)
 
 
+@pytest.mark.slow
 def test_a_single_candidate_is_the_policys_own_action_and_the_model_is_saved_meanwhile(tmp_path):
     def look(model):
         own, _ = model.policy.predict(model._last_obs, deterministic=True)

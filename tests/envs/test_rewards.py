@@ -169,6 +169,7 @@ class TestOpenOnsets:
     def test_another_key_is_never_hit(self):
         assert not OpenOnsets(self.roll()).hit(40, 0.2)
 
+    @pytest.mark.slow
     def test_a_strike_within_a_span_is_told_if_the_time_does_not_matter(self):
         told = set()
         for start in np.arange(0.0, 0.7, 0.01).tolist():

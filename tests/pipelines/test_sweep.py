@@ -214,6 +214,7 @@ class Stopped(gym.Wrapper):
         return self.env.step(action)
 
 
+@pytest.mark.slow
 def test_an_evaluation_that_is_interrupted_leaves_its_cell_unfinished(
     tmp_path, monkeypatch, ctrl_c
 ):

@@ -91,6 +91,7 @@ def test_it_comes_to_where_no_small_change_helps(hand):
             assert parts.total(moved) > parts.total()
 
 
+@pytest.mark.slow
 @BOTH_HANDS
 def test_with_joints_at_their_limits_it_comes_to_what_another_method_does_not_improve(hand):
     step = 1 if hand == 0 else -1

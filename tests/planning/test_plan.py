@@ -143,6 +143,7 @@ LONG = five_fingers(order=(0, 1, 2, 3, 4, 2, 0, 3), length=0.2)
 STRETCHES = dataclasses.replace(QUICK, window=0.8, overlap=0.4)  # 16 control steps each
 
 
+@pytest.mark.slow
 def test_stretches_join_into_the_motion_of_the_whole():
     """Each goes on from where the one before ended, and pushes its keys as hard."""
     parts, whole = planned(LONG, STRETCHES, full=False), planned(LONG, full=False)

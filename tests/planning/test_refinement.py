@@ -158,6 +158,7 @@ def test_it_begins_with_the_better_parts_of_two_plans(monkeypatch):
         assert later.f1 == before, "only the first pass begins with two plans"
 
 
+@pytest.mark.slow
 def test_whoever_stops_it_keeps_the_best(made, env):
     told = []
     with refinement(made, env) as searching:

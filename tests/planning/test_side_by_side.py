@@ -55,6 +55,7 @@ def test_if_the_other_process_is_killed_all_is_done_in_this_one():
     assert here == there == os.getpid()
 
 
+@pytest.mark.slow
 def test_an_error_comes_out():
     with pytest.raises(ValueError, match="1 is not good"):
         in_two_processes(failing, 1, 10)

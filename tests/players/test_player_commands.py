@@ -34,6 +34,7 @@ def shared():
     return write_player(run.path, "shared").path
 
 
+@pytest.mark.slow
 def test_the_network_of_a_shared_run_plays_another_piece_by_every_command(shared, capsys):
     weights = [*READER, "--weights", str(shared)]
     play = ["play", "tune.mid", *weights, "--physics", "fast", "--no-video"]

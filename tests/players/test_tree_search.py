@@ -152,6 +152,7 @@ def test_the_environment_is_not_touched_and_ends_as_it_would():
     assert steps[0][4]["f1"] == steps[1][4]["f1"]
 
 
+@pytest.mark.slow
 def test_equal_seeds_play_alike_and_others_do_not():
     def played(seed, first=None):
         env, shape = piano(), TreeSettings(simulations=30, depth=2)
@@ -208,6 +209,7 @@ def both_hands():
     return HandReward(HandActions(PianoEnv(TUNE, **options)))
 
 
+@pytest.mark.slow
 def test_where_hands_are_agents_a_step_is_that_of_both():
     venv = VecNormalize(HandsAsAgents(DummyVecEnv([both_hands, both_hands])), norm_reward=False)
     model = untrained(venv, TD3)

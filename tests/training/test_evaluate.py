@@ -246,6 +246,7 @@ def wrap(folder, wrapper):
     folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=path))
 
 
+@pytest.mark.slow
 def test_files_of_one_name_are_told_apart(piano_run, tmp_path):
     files = [tmp_path / composer / "midi_score.mid" for composer in ("Bach", "Liszt")]
     for index, file in enumerate(files):

@@ -117,6 +117,7 @@ def begin(tmp_path):
     return make
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "algo", [pytest.param(a, marks=pytest.mark.slow) if a != "sac" else a for a in ALGORITHMS]
 )

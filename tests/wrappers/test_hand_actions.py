@@ -65,6 +65,7 @@ def test_controls_become_actions_and_back():
         env.step(env.action_for(controls))
 
 
+@pytest.mark.slow
 def test_the_planned_pianist_plays_as_well_through_it():
     env = HandActions(piano())
     inside = env.unwrapped

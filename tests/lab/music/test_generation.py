@@ -49,6 +49,7 @@ def test_a_style_is_music_for_two_hands(style):
     assert np.mean((pitches >= 36) & (pitches <= 96)) > 0.85
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", STYLES)
 def test_the_robot_s_fingers_hold_nearly_all_notes_of_a_style(style):
     due = held = 0
@@ -60,6 +61,7 @@ def test_the_robot_s_fingers_hold_nearly_all_notes_of_a_style(style):
     assert held > 0.95 * due
 
 
+@pytest.mark.slow
 def test_most_hands_are_found_again_where_nobody_tells_them():
     agree, notes = 0, 0
     for style in STYLES:
@@ -84,6 +86,7 @@ def test_the_same_seed_gives_the_same_music_and_another_one_other_music():
         generate_score(random, 0.0)
 
 
+@pytest.mark.slow
 def test_all_keys_tempi_and_touches_occur():
     scores = [generate_score(np.random.default_rng(seed), 6.0) for seed in range(120)]
     black = [np.mean([KEY_IS_BLACK[note.key] for note in score.notes]) for score in scores]

@@ -169,6 +169,7 @@ def test_macro_f1_by_hand():
     assert macro_f1([0, 1, 1, -1, 4], [0, 0, 1, 2, -1]) == pytest.approx((2 / 3 + 2 / 3 + 0) / 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["none", "later and slower", "rubato"])
 def test_sound_and_score_are_aligned(tmp_path, tune, change):
     time = {
@@ -185,6 +186,7 @@ def test_sound_and_score_are_aligned(tmp_path, tune, change):
         assert found.drift == pytest.approx(1.2 if change != "none" else 1.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_sound_of_another_piece_and_silence_are_told(tmp_path, tune):
     rng = np.random.default_rng(0)
     other = [
@@ -264,6 +266,7 @@ def test_the_command_writes_labels_and_a_page(concert, tune, capsys):
     assert "macro F1" in page
 
 
+@pytest.mark.slow
 @tables("options, told")
 def test_what_cannot_be_done_is_told_and_nothing_is_written(concert, options, told, capsys):
     assert main(["fingering-from-video", *options.split()]) == 2
@@ -272,6 +275,7 @@ def test_what_cannot_be_done_is_told_and_nothing_is_written(concert, options, to
     assert not (concert / "fingers.csv").exists()
 
 
+@pytest.mark.slow
 def test_without_sound_the_offset_is_enough(concert, tune, capsys):
     command = "fingering-from-video mute.mp4 tune.mid --landmarks hands.npz --offset 0.9"
     assert main([*command.split(), "--truth", "truth.csv"]) == 0

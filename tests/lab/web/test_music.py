@@ -201,6 +201,7 @@ class TestMusicXml:
 
 
 class TestFingers:
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         ("make", "of"),
         [

@@ -37,8 +37,8 @@ LINES = {
     "planning": 2_989,
     "players": 2_290,
     "policies": 1_682,
-    "reading": 451,
-    "simulation": 901,
+    "reading": 449,
+    "simulation": 900,
     "training": 6_328,
     "tuning": 1_260,
     "vec_env": 491,
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_772, "modules": 336, "names": 226},
+    "core": {"lines": 50_769, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
     "tests": {"lines": 42_101},
 }

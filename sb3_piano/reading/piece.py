@@ -80,12 +80,10 @@ def read_piece(
     in :func:`time_presses`, ``soft`` as in :func:`key_frames`.
     """
     robot = hands[0].spec
-    roll, n_states, read = release_early(roll, robot), len(roll) + 1, []
+    roll, states, read = release_early(roll, robot), len(roll) + 1, []
     for side, hand in enumerate(hands):
         presses = time_presses(presses_of_hand(roll, side), hand.sign, stretch, hurry, robot)
-        frames = key_frames(
-            presses, hand.sign, n_states, hand.radius, keys, hover, hold_depth, soft
-        )
+        frames = key_frames(presses, hand.sign, states, hand.radius, keys, hover, hold_depth, soft)
         place, busy = wanted_places(frames, hand.sign, hand.middle)
         read.append(HandReading(presses=presses, frames=frames, place=place, busy=busy))
     right, left = read

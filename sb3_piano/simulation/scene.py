@@ -93,8 +93,7 @@ class PianoScene:
     def fingers(self) -> IntArray:
         """(5 h,) labels of the fingers in the scene, ascending."""
         count = len(self.hand.fingers)
-        fingers = [finger for side in self.sides for finger in fingers_of(side)[:count]]
-        return np.array(fingers, dtype=np.intp)
+        return np.array([f for side in self.sides for f in fingers_of(side)[:count]], dtype=np.intp)
 
     @functools.cached_property
     def joint_qpos(self) -> tuple[IntArray, ...]:

@@ -71,11 +71,12 @@ check: $(INSTALLED)
 quick: $(INSTALLED)
 	$(PYTEST) -m "not slow"
 
-# Everything; `pytest` alone, in one process, is the same. `make --jobs 2 test` lints meanwhile.
+# Everything; `pytest` alone, in one process, is the same. `make --jobs 2 test` lints meanwhile. Slow
+# tests wait more: for browsers, servers, and processes that end. The slowest are named at the end.
 test: lint suite
 
 suite: $(INSTALLED)
-	$(PYTEST)
+	$(PYTEST) -n $$(($(WORKERS) + 1)) --durations=40
 
 # `check` with each supported Python, installed afresh. PYTHONS chooses some: make matrix PYTHONS=python3.13
 matrix:

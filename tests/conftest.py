@@ -87,8 +87,10 @@ def ray_cluster(monkeypatch):
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
+    monkeypatch.setenv("PYTHONPATH", str(REFERENCE.parents[1] / "tuning"), prepend=os.pathsep)
     if not _clusters:
-        monkeypatch.setenv("PYTHONPATH", str(REFERENCE.parents[1] / "tuning"), prepend=os.pathsep)
+        # By default its programs have the lowest priority, and wait while other tests run.
+        monkeypatch.setenv("RAY_worker_niceness", "0")
         node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 2**27}
         _clusters.append(Cluster(initialize_head=True, head_node_args=node))
         _clusters[0].add_node(**node)

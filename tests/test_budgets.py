@@ -25,7 +25,7 @@ LINES = {
     "callbacks": 2_891,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_888,
+    "envs": 2_886,
     "hands": 901,
     "hyperparams": 39,
     "interop": 236,
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_769, "modules": 336, "names": 226},
+    "core": {"lines": 50_767, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
     "tests": {"lines": 42_103},
 }

@@ -238,10 +238,8 @@ def _shown_presses(hand: HandReading, roll: PianoRoll) -> FloatArray:
         following = np.searchsorted(ends, states + 1) if own else np.zeros(steps, np.intp)
         table = np.zeros((len(own), 13))
         for row, one in zip(table, own, strict=True):
-            key, start = (
-                one.press.key,
-                one.press.first - 1,
-            )  # the step that leads to the first state
+            # The step before leads to the first state.
+            key, start = one.press.key, one.press.first - 1
             row[:3] = hand.frames.target[min(one.first, len(hand.place) - 1), finger]
             row[3:6] = key, one.first, one.last
             row[6:11] = True, KEY_IS_BLACK[key], one.leapt, one.leaps, one.repeated

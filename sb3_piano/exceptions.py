@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import errno
+import pickle
 import re
 from collections.abc import Iterable, Iterator
 
@@ -96,6 +97,15 @@ _NO_MEMORY = re.compile(
     "|(can(')?t|cannot|could not|failed to|unable to) allocate",
     re.IGNORECASE,
 )
+
+
+def sendable(error: BaseException) -> BaseException:
+    """Return an error, or one with its text if other processes cannot read it."""
+    try:
+        pickle.loads(pickle.dumps(error))  # many can be pickled but not unpickled
+    except Exception:
+        return RunError(f"{type(error).__name__}: {one_line(error)}")
+    return error
 
 
 def no_memory(error: BaseException | None) -> bool:

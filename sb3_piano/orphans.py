@@ -1,7 +1,7 @@
 """End processes whose parent is killed while they import or make environments.
 
 The server that forks processes imports this module first, see
-:func:`~sb3_piano.jobs.pool.process_context`. It uses a timer, since threads and forks do not go
+:func:`~sb3_piano.jobs.pool.start_process`. It uses a timer, since threads and forks do not go
 together.
 """
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import multiprocessing.context
 import os
 import pickle
 import queue
@@ -14,13 +13,13 @@ import time
 import traceback
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from multiprocessing import forkserver
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
 from signal import SIGTERM, Signals
 from typing import Any, TypeVar
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, sendable
 from sb3_piano.jobs.cluster import RayExecutor, Resources
 from sb3_piano.orphans import stop_looking
 from sb3_piano.settings import Count, checked
@@ -126,12 +125,9 @@ class _Worker:
     """Worker process that runs one job at a time."""
 
     def __init__(self) -> None:
-        context = process_context()
-        theirs, self.requests = context.Pipe(duplex=False)
-        self._answers, answers = context.Pipe(duplex=False)
-        arguments = (theirs, answers, _ONE_THREAD | os.environ)
-        self.process = context.Process(target=_serve, args=arguments)
-        self.process.start()
+        theirs, self.requests = multiprocessing.Pipe(duplex=False)
+        self._answers, answers = multiprocessing.Pipe(duplex=False)
+        self.process = start_process(_serve, theirs, answers, _ONE_THREAD | os.environ)
         theirs.close()
         answers.close()
 
@@ -192,31 +188,33 @@ def _answer(request: bytes) -> bytes:
         return pickle.dumps((False, function(*arguments, **options)))
     except BaseException as error:
         error.add_note(f"In a worker:\n{traceback.format_exc()}")
-        try:
-            answer = pickle.dumps((True, error))
-            pickle.loads(answer)  # many exceptions can be pickled but not unpickled
-        except Exception:
-            answer = pickle.dumps((True, RuntimeError(traceback.format_exc())))
-        return answer
+        return pickle.dumps((True, sendable(error)))
 
 
-def process_context() -> (
-    multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext
-):
-    """Return the multiprocessing context for new processes; fork is not safe with threads.
+def start_process(target: Callable[..., object], *args: Any, daemon: bool = False) -> BaseProcess:
+    """Start a process that calls a function; fork is not safe with threads.
 
     On Linux, processes are forked from a server without threads that has imported the slow
     libraries once, if this process has. It starts with the first process and does not see later
     changes of environment variables. Elsewhere each process is a new interpreter.
     """
-    if sys.platform != "linux":  # macOS's libraries are not fork-safe
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    loaded = [name for name in _LIBRARIES if name in sys.modules]
-    context.set_forkserver_preload(["sb3_piano.orphans", *loaded])
+    context: Any = multiprocessing.get_context("spawn")  # macOS's libraries are not fork-safe
+    if sys.platform == "linux":
+        context = multiprocessing.get_context("forkserver")
+        loaded = [name for name in _LIBRARIES if name in sys.modules]
+        context.set_forkserver_preload(["sb3_piano.orphans", *loaded])
+    process: BaseProcess = context.Process(target=target, args=args, daemon=daemon)
     added = _ONE_THREAD.keys() - os.environ.keys()
-    os.environ.update({name: _ONE_THREAD[name] for name in added})
-    forkserver.ensure_running()
-    for name in added:
-        del os.environ[name]
-    return context
+    for is_last in (False,) * 20 + (True,):
+        os.environ.update({name: _ONE_THREAD[name] for name in added})
+        try:
+            process.start()
+            break
+        except (ConnectionError, EOFError):  # the server was killed; another one may start
+            if is_last:
+                raise
+            time.sleep(0.1)
+        finally:
+            for name in added:
+                os.environ.pop(name, None)
+    return process

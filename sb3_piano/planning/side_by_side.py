@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from sb3_piano.interrupts import leave_to_parent
-from sb3_piano.jobs.pool import process_context
+from sb3_piano.jobs.pool import start_process
 from sb3_piano.threads import usable_cores
 
 M = TypeVar("M")
@@ -44,10 +44,8 @@ def in_two_processes(start: Callable[[P], Exchange[M, R]], one: P, other: P) -> 
 
     If that process is killed, both run in this process.
     """
-    context = process_context()
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_do_other, args=(theirs, start, other), daemon=True)
-    process.start()
+    ours, theirs = multiprocessing.Pipe()
+    process = start_process(_do_other, theirs, start, other, daemon=True)
     theirs.close()
     try:
         return [_exchange_with(start(one), ours, is_first=True), ours.recv()]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import pickle
 from collections.abc import Callable, Sequence
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -18,9 +18,9 @@ from stable_baselines3.common.vec_env.base_vec_env import (
     VecEnvStepReturn,
 )
 
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import RunError, sendable
 from sb3_piano.interrupts import leave_to_parent
-from sb3_piano.jobs.pool import process_context
+from sb3_piano.jobs.pool import start_process
 from sb3_piano.orphans import stop_looking
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing, usable_cores
@@ -55,14 +55,12 @@ class ProcessVecEnv(VecEnv):
         """Number of processes."""
         bounds = [len(env_fns) * i // self.n_processes for i in range(self.n_processes + 1)]
         self._shares = [slice(*pair) for pair in itertools.pairwise(bounds)]
-        context = process_context()
         self._ours: list[Connection] = []
         self._processes: list[Any] = []
         for share in self._shares:
-            ours, theirs = context.Pipe()
-            arguments = (theirs, ours, CloudpickleWrapper(env_fns[share]))
-            process = context.Process(target=_serve, args=arguments, daemon=True)
-            process.start()
+            ours, theirs = Pipe()
+            made = CloudpickleWrapper(env_fns[share])
+            process = start_process(_serve, theirs, ours, made, daemon=True)
             theirs.close()
             self._ours.append(ours)
             self._processes.append(process)
@@ -225,20 +223,11 @@ def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) ->
                 except BrokenPipeError:
                     raise
                 except Exception as error:
-                    theirs.send((None, _readable(error)))
+                    theirs.send((None, sendable(error)))
         except (EOFError, BrokenPipeError):
             raise
         except Exception as error:
-            theirs.send((None, _readable(error)))
+            theirs.send((None, sendable(error)))
         finally:
             if venv is not None:
                 venv.close()
-
-
-def _readable(error: Exception) -> Exception:
-    """Return an error, or a copy of its text if it cannot be pickled."""
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return RunError(f"{type(error).__name__}: {error}")
-    return error

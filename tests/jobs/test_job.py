@@ -115,7 +115,7 @@ def test_whatever_ends_a_program_the_same_one_does_the_rest(
 SLOW = """
 import os, sys, time
 from sb3_piano.jobs import open_executor
-from sb3_piano.jobs.pool import process_context
+from sb3_piano.jobs.pool import start_process
 
 class Slow:
     def __reduce__(self):
@@ -132,7 +132,7 @@ if __name__ == "__main__":
     "work",
     [
         "with open_executor(1) as pool: pool.submit(print, Slow()).result()",
-        "process_context().Process(target=print, args=(Slow(),)).start()",
+        "start_process(print, Slow())",
     ],
     ids=["pool", "environments"],
 )
@@ -287,6 +287,16 @@ def test_no_job_begins_after_a_signal(tmp_path):
         finish(jobs_in(tmp_path), Here(), on_begin=begin)
     assert begun == ["a", "b"]
     assert [name for name, _, _ in log(tmp_path)] == ["a"]
+
+
+@pytest.mark.slow
+def test_workers_begin_at_once_after_the_server_that_forks_them_was_killed():
+    for number in range(2):
+        with open_executor(1) as pool:
+            server = pool.submit(os.getppid).result()
+        os.kill(server, signal.SIGKILL)
+        with open_executor(1) as pool:
+            assert pool.submit(abs, -number).result() == number
 
 
 @pytest.mark.slow

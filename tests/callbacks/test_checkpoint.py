@@ -102,7 +102,7 @@ def test_statistics_of_vec_normalize_and_a_copy_of_the_model_are_kept(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kill_at", range(1, 11))
+@pytest.mark.parametrize("kill_at", range(1, 8))
 def test_a_process_killed_at_any_file_leaves_a_checkpoint_that_can_be_restored(
     tmp_path, monkeypatch, kill_at
 ):

@@ -147,7 +147,7 @@ def test_other_wrappers_of_the_vector_are_copied_for_one_environment():
 @pytest.mark.slow
 def test_processes_have_no_environment_to_copy():
     training = vector_of(
-        NoisyEnv, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "spawn"}
+        NoisyEnv, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "fork"}
     )
     try:
         with pytest.raises(

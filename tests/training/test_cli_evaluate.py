@@ -2,10 +2,7 @@
 
 import dataclasses
 import json
-import os
-import signal
 
-import gymnasium as gym
 import pytest
 from acting import LOUD, STILL
 from printed import rows_of
@@ -18,18 +15,6 @@ from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.statistics import summarize
 
 tables = Tables(__file__)
-
-
-class Stopped(gym.Wrapper):
-    """Press Ctrl-C at the third step; named in a config by its import path."""
-
-    steps = 0
-
-    def step(self, action):
-        self.steps += 1
-        if self.steps == 3:
-            os.kill(os.getpid(), signal.SIGINT)
-        return self.env.step(action)
 
 
 @pytest.fixture(autouse=True)
@@ -217,7 +202,8 @@ def test_ctrl_c_writes_what_is_there(pendulum_run, call, tmp_path, ctrl_c):
     pendulum_run("one")
     folder = pendulum_run("two")
     config = folder.read_config()
-    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.Stopped"))
+    stopped = {"acting.AtStep": {"step": 3}}
+    folder.write_config(dataclasses.replace(config, env_wrapper=stopped))
     code, out, err = call("evaluate one two --csv all.csv")
     assert (code, err) == (130, "sb3-piano: interrupted.\n")
     assert "Pendulum-v1: 1 episode" in out

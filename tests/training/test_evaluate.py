@@ -51,7 +51,7 @@ def test_what_was_played_is_written_as_midi_and_measured(piano_run, midi_file):
     played = env.unwrapped.performance.to_score()
     assert played is not None
 
-    evaluation = evaluate(piano_run(LOUD).path)
+    evaluation = evaluate(piano_run(LOUD).path, episodes=2, seed=5)
     assert evaluation.mean["length"] == len(env.unwrapped.roll)
     assert evaluation.mean["return"] == pytest.approx(total, rel=1e-3)
     for name in (*EPISODE_METRICS, *RETURN_KEYS):
@@ -62,6 +62,18 @@ def test_what_was_played_is_written_as_midi_and_measured(piano_run, midi_file):
     # beside it stand the same hands at rest: no wrong key, and next to no due one
     assert evaluation.mean["precision"] < evaluation.baseline["precision"] == 1.0
     assert evaluation.baseline["recall"] < 0.1
+    content = json.loads(evaluation.metrics_file.read_text())
+    assert content == json.loads(json.dumps(evaluation.to_json()))
+    assert (content["num_timesteps"], content["training_seed"]) == (1, 1)
+    assert content["episode_seeds"] == [5, 5]
+    for name in ("mean", "baseline"):
+        assert content[name] == getattr(evaluation, name)
+    assert content["std"]["f1"] == 0.0  # nothing is random here
+    assert content["interval"]["f1"] is None
+    assert content["no_interval"]["f1"] == "all values are equal"
+    assert (content["algo"], content["piece"], content["interrupted"]) == ("td3", "duet", False)
+    assert content["episodes"] == list(evaluation.episodes)
+    assert content["performances"] == ["performance_1.mid", "performance_2.mid"]
 
 
 @pytest.mark.slow
@@ -73,24 +85,6 @@ def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, mi
     assert evaluation.performances == (None,)
     assert {path.name for path in folder.evaluation_dir.iterdir()} == {"metrics.json"}
     assert evaluation.mean == pytest.approx(evaluation.baseline, rel=1e-3, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_the_file_of_metrics_has_what_was_returned(piano_run):
-    evaluation = evaluate(piano_run(LOUD).path, episodes=2, seed=5)
-    content = json.loads(evaluation.metrics_file.read_text())
-    assert content == json.loads(json.dumps(evaluation.to_json()))
-    assert content["num_timesteps"] == 1
-    assert content["training_seed"] == 1
-    assert content["episode_seeds"] == [5, 5]
-    assert content["mean"] == evaluation.mean
-    assert content["std"]["f1"] == 0.0  # nothing is random here
-    assert content["interval"]["f1"] is None
-    assert content["no_interval"]["f1"] == "all values are equal"
-    assert (content["algo"], content["piece"], content["interrupted"]) == ("td3", "duet", False)
-    assert content["baseline"] == evaluation.baseline
-    assert content["episodes"] == list(evaluation.episodes)
-    assert content["performances"] == ["performance_1.mid", "performance_2.mid"]
 
 
 @pytest.mark.slow
@@ -134,7 +128,7 @@ def test_other_environments_have_return_and_length_only_and_wrappers_do_not_chan
     assert set(evaluation.mean) == {"return", "length"}
     assert evaluation.baseline is None
     assert evaluation.performances == (None,)
-    wrap(folder, DoubleReward)
+    wrap(folder, f"{__name__}.DoubleReward")
     assert evaluate(folder.path).mean == evaluation.mean
 
 
@@ -172,11 +166,11 @@ def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
 
 @pytest.mark.slow
 def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
-    folder = piano_run(LOUD)
+    folder = piano_run(LOUD, physics="fast")
     own = evaluate(folder.path)
     before = own.metrics_file.read_text()
     other = evaluate(folder.path, score="TwinkleTwinkleLittleStar")
-    env = gym.make("RoboPianist-v0", score="TwinkleTwinkleLittleStar")
+    env = gym.make("RoboPianist-v0", score="TwinkleTwinkleLittleStar", physics="fast")
     _, info = loudly(env)
     for name in EPISODE_METRICS:
         assert other.mean[name] == pytest.approx(info[name], rel=1e-3, abs=1e-6), name
@@ -223,18 +217,6 @@ def test_a_place_that_cannot_be_written_is_told_before_and_a_full_disk_afterward
     assert not caplog.records
 
 
-class Broken(gym.Wrapper):
-    """Fail at the third step; named in a config by its import path."""
-
-    steps = 0
-
-    def step(self, action):
-        self.steps += 1
-        if self.steps == 3:
-            raise ZeroDivisionError("of a wrapper")
-        return self.env.step(action)
-
-
 @pytest.fixture
 def three_runs(pendulum_run):
     """Runs of three algorithms on Pendulum."""
@@ -242,8 +224,7 @@ def three_runs(pendulum_run):
 
 
 def wrap(folder, wrapper):
-    path = f"{__name__}.{wrapper.__name__}"
-    folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=path))
+    folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=wrapper))
 
 
 @pytest.mark.slow
@@ -253,9 +234,10 @@ def test_files_of_one_name_are_told_apart(piano_run, tmp_path):
         file.parent.mkdir()
         notes = [Note(onset=0.0, offset=0.2 * (index + 1), pitch=60)]
         write_midi(Score(notes=notes), file)
-    found = evaluate_runs([piano_run(STILL).path], scores=[*files, "CMajorScaleOneHand"])
+    run = piano_run(STILL, physics="fast").path
+    found = evaluate_runs([run], scores=[*files, "CMajorScaleOneHand"])
     assert [one.piece for one in found.evaluations] == [*map(str, files), "CMajorScaleOneHand"]
-    (alone,) = evaluate_runs([piano_run(STILL).path], scores=files[:1]).evaluations
+    (alone,) = evaluate_runs([run], scores=files[:1]).evaluations
     assert alone.piece == "midi_score"
 
 
@@ -305,7 +287,7 @@ def test_the_json_has_everything_and_can_be_compared(three_runs, tmp_path):
 
 def test_a_run_that_fails_is_named_and_the_others_are_evaluated(three_runs, tmp_path, caplog):
     td3, sac, ddpg = three_runs
-    wrap(sac, Broken)
+    wrap(sac, {"acting.AtStep": {"step": 3, "action": "fail"}})
     ddpg.model_file.write_bytes(b"PK")
     found = evaluate_runs([tmp_path / "nix", sac.path, ddpg.path, td3.path])
     assert [evaluation.run for evaluation in found.evaluations] == [td3.path]

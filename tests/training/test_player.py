@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import gymnasium as gym
 import pytest
 from acting import STILL
 
@@ -13,13 +12,6 @@ from sb3_piano.music import Note, Score
 from sb3_piano.training import OpenPlayer, evaluate, train
 
 BEYOND = Score(notes=[Note(pitch=100, onset=0.0, offset=0.2)], title="Beyond")
-
-
-class AlwaysTwinkle(gym.Wrapper):
-    """Choose a piece at each reset; named in a config by its import path."""
-
-    def reset(self, *, seed=None, options=None):
-        return self.env.reset(seed=seed, options={"score": "TwinkleTwinkleLittleStar"})
 
 
 @pytest.mark.slow
@@ -79,19 +71,6 @@ def test_a_run_without_a_file_names_its_piece_by_the_score(piano_run, small_conf
     folder.write_config(dataclasses.replace(config, env_kwargs={"score": "CMajorScaleOneHand"}))
     with OpenPlayer.open(folder.path) as player:
         assert player.piece == "CMajorScaleOneHand"
-
-
-@pytest.mark.slow
-def test_a_given_piece_is_played_whatever_wrappers_choose(piano_run):
-    folder = piano_run(STILL)
-    config = folder.read_config()
-    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.AlwaysTwinkle"))
-    short = Score(notes=[Note(pitch=60, onset=0.0, offset=0.2)], title="Short")
-    with OpenPlayer.open(folder.path) as player:
-        assert player.play()[0].performance.title == "TwinkleTwinkleLittleStar"
-    with OpenPlayer.open(folder.path, score=short) as player:
-        for recording in (*player.play(2), player.rest()):
-            assert recording.performance.title == player.piece == "Short"
 
 
 def test_a_window_keeps_its_keys_for_another_piece(piano_run):

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 import sys
 
 import numpy as np
 import pytest
 from damage import told, variants_of
-from stable_baselines3.common.running_mean_std import RunningMeanStd
 from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import RunError
 from sb3_piano.training import OpenPlayer, evaluate, resume
 from sb3_piano.training.configuration.names import ALGORITHMS
 from sb3_piano.training.playing.player_files import write_player
@@ -156,7 +156,7 @@ def normalized_run(pendulum_run):
 def test_damaged_statistics_end_in_one_line_that_names_the_file(normalized_run):
     file = normalized_run.path / "vecnormalize.pkl"
     content = file.read_bytes()
-    cut, changed = variants_of(content, 20)
+    cut, changed = variants_of(content, 10)
     for variant in cut:
         file.write_bytes(variant)
         check_refused(normalized_run)
@@ -183,23 +183,20 @@ def test_a_model_and_statistics_of_two_checkpoints_are_mended_or_refused(normali
     assert evaluate(normalized_run.path, 1).num_timesteps == 30
 
 
-@pytest.mark.parametrize(
-    "other", [3, None, [1.0], {"obs_rms": 1}, np.zeros(3), RunningMeanStd(shape=(3,)), ValueError]
-)
-def test_a_pickle_of_something_else_is_no_statistics(normalized_run, other):
-    (normalized_run.path / "vecnormalize.pkl").write_bytes(pickle.dumps(other))
-    check_refused(normalized_run)
-
-
-@Tables(__file__)("field, value")
-def test_statistics_that_cannot_be_are_refused(normalized_run, field, value):
+def test_a_pickle_of_something_else_and_statistics_that_cannot_be_are_refused(normalized_run):
     file = normalized_run.path / "vecnormalize.pkl"
     with OpenPlayer.open(normalized_run.path) as player:
         normalizer = player.model.get_vec_normalize_env()
-    value = np.array(value, float) if isinstance(value, list) else value
-    setattr(normalizer.obs_rms, field, value)
-    normalizer.save(str(file))
-    check_refused(normalized_run)
+    right = copy.deepcopy(normalizer.obs_rms)
+    for other in (3, None, [1.0], {"obs_rms": 1}, np.zeros(3), right, ValueError):
+        file.write_bytes(pickle.dumps(other))
+        check_refused(normalized_run)
+    for field, value in Tables(__file__)["statistics_that_cannot_be"]:
+        normalizer.obs_rms = copy.deepcopy(right)
+        value = np.array(value, float) if isinstance(value, list) else value
+        setattr(normalizer.obs_rms, field, value)
+        normalizer.save(str(file))
+        check_refused(normalized_run)
 
 
 def test_a_damaged_model_is_an_error(pendulum_run):
@@ -212,21 +209,22 @@ def test_a_damaged_model_is_an_error(pendulum_run):
         assert line is None or "model.zip' cannot be loaded" in line
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00c", b"seed: [", b"- 1", b"a: " + b"1" * 5000])
 def test_a_run_with_a_damaged_origin_plays_and_one_with_damaged_settings_does_not(
-    piano_run, content, capsys
+    piano_run, capsys
 ):
     run = piano_run(np.zeros(39), physics="fast")
-    run.provenance_file.write_bytes(content)
-    with OpenPlayer.open(run.path) as player:
-        assert player.piece == "score"
+    damaged = (b"\xff\xfe\x00c", b"seed: [", b"- 1", b"a: " + b"1" * 5000)
+    for content in damaged:
+        run.provenance_file.write_bytes(content)
+        with OpenPlayer.open(run.path) as player:
+            assert player.piece == "score"
     assert main(["report", str(run.path)]) == 0
-    run.config_file.write_bytes(content)
-    with pytest.raises(ConfigError, match="config.yml"):
-        evaluate(run.path)
-    capsys.readouterr()
-    assert main(["evaluate", str(run.path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    for content in damaged:
+        run.config_file.write_bytes(content)
+        capsys.readouterr()
+        assert main(["evaluate", str(run.path)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "config.yml" in line
 
 
 def play(run):

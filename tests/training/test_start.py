@@ -1,10 +1,9 @@
 """Trainings that start from what another run has learnt."""
 
-import shutil
-
 import numpy as np
 import pytest
 import torch
+from acting import states_of
 from stable_baselines3.common.callbacks import BaseCallback
 from yaml_rows import Tables
 
@@ -33,27 +32,12 @@ def config(small_config):
     return make
 
 
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    """Return a function that trains once with each settings, and returns the run's folder."""
-    folders = {}
-
-    def make(settings):
-        if repr(settings) not in folders:
-            place = tmp_path_factory.mktemp("trained") / "run"
-            folders[repr(settings)] = train(settings, place, progress_bar=False).folder
-        return folders[repr(settings)]
-
-    return make
-
-
 @pytest.fixture
 def source(config, trained, tmp_path):
     """Return a function that makes a run to start from, and returns its folder."""
 
     def make(algo="sac", **changes):
-        folder = trained(config(algo, **changes))
-        return RunFolder(shutil.copytree(folder.path, tmp_path / "source"))
+        return trained(config(algo, **changes), tmp_path / "source")
 
     return make
 
@@ -66,7 +50,7 @@ class Watched(BaseCallback):
         self.actions, self.updates = [], []
 
     def _on_training_start(self):
-        self.parameters = flat(self.model)
+        self.parameters = states_of(self.model)
         self.coefficient = getattr(self.model, "log_ent_coef", None)
         self.coefficient = None if self.coefficient is None else self.coefficient.detach().clone()
         buffer = getattr(self.model, "replay_buffer", None)
@@ -84,19 +68,6 @@ class Watched(BaseCallback):
                 mean = model.policy._predict(observation, deterministic=True).numpy()
             self.actions.append((self.locals["buffer_actions"].copy(), mean))
         return True
-
-
-def flat(model):
-    """Return all parameters and optimizers' states of a model by name."""
-    found = {}
-    for name, states in model.get_parameters().items():
-        for key, value in states.items():
-            if key == "state":
-                value = {f"{i}.{n}": t for i, s in value.items() for n, t in s.items()}
-                found.update({f"{name}.{n}": t.clone() for n, t in value.items()})
-            elif isinstance(value, torch.Tensor):
-                found[f"{name}.{key}"] = value.clone()
-    return found
 
 
 def start(run, **options):
@@ -118,16 +89,14 @@ def begin(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "algo", [pytest.param(a, marks=pytest.mark.slow) if a != "sac" else a for a in ALGORITHMS]
-)
+@pytest.mark.parametrize("algo", ALGORITHMS)
 def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, begin, algo):
     run = source(algo)
     saved = run.read_config().algorithm.load(run.model_file)
     options = {"net_arch": [8], "optimizer_kwargs": {"weight_decay": 0.25}}
     own = config(algo, callback=start(run), algorithm_kwargs={"policy_kwargs": options})
     watched = begin(own)
-    expected = flat(saved)
+    expected = states_of(saved)
     assert watched.parameters.keys() == expected.keys()
     assert any(".exp_avg" in name for name in expected)
     for name, tensor in expected.items():
@@ -149,7 +118,7 @@ def test_the_entropy_coefficient_may_begin_anew(config, source, begin, before):
     own = config(callback=begun, n_timesteps=20, algorithm_kwargs={"ent_coef": "auto_0.25"})
     watched = begin(own)
     assert watched.coefficient.exp().item() == pytest.approx(0.25)
-    saved = flat(own.algorithm.load(run.model_file))
+    saved = states_of(own.algorithm.load(run.model_file))
     entropy = {name for name in saved if name.startswith("ent_coef_optimizer")}
     assert watched.parameters.keys() == saved.keys() - entropy
     assert all(torch.equal(watched.parameters[name], saved[name]) for name in watched.parameters)
@@ -217,7 +186,7 @@ def test_a_training_that_is_resumed_keeps_its_own_networks_and_is_not_seeded_aga
 ):
     own = config(callback=start(source(), seed_steps=30), n_timesteps=25)
     folder = begin(own, callbacks=[StopsEarly()]).folder
-    saved = flat(own.algorithm.load(folder.model_file))
+    saved = states_of(own.algorithm.load(folder.model_file))
     watched = Watched()
     resume(folder.path, callbacks=[watched], progress_bar=False)
     assert all(torch.equal(watched.parameters[name], tensor) for name, tensor in saved.items())
@@ -244,7 +213,7 @@ def test_what_does_not_fit_is_refused_and_leaves_no_folder(
     assert not (tmp_path / "next").exists()
 
 
-def test_settings_are_those_of_the_run_with_what_is_given(config, source):
+def test_settings_are_those_of_the_run_with_what_is_given(source, tmp_path):
     run = source()
     found = load_start(run.path, n_timesteps=30, env_kwargs={"g": 9.0})
     assert found.env_kwargs == {"max_episode_steps": 20, "g": 9.0}
@@ -252,17 +221,9 @@ def test_settings_are_those_of_the_run_with_what_is_given(config, source):
     assert found.algorithm_kwargs == run.read_config().algorithm_kwargs
     (begun,) = found.callback
     assert begun.kwargs == {"run": str(run.path.absolute())}
-    again = load_start(run.path, "MountainCarContinuous-v0", with_buffer=True)
-    assert again.env_id == "MountainCarContinuous-v0"
-    assert again.callback[0].kwargs["with_buffer"] is True
-
-
-@pytest.mark.slow
-def test_a_start_from_a_run_that_started_from_another_one_has_one_start(config, source, tmp_path):
-    begun = config(callback=start(source()))
-    second = train(begun, tmp_path / "second", progress_bar=False).folder
-    (last,) = load_start(second.path).callback
-    assert last.kwargs["run"] == str(second.path.absolute())
+    second = RunFolder.create(found, tmp_path / "second")  # it has one start, from the last run
+    (begun,) = load_start(second.path, "MountainCarContinuous-v0", with_buffer=True).callback
+    assert begun.kwargs == {"run": str(second.path.absolute()), "with_buffer": True}
 
 
 def test_another_piece_and_other_hyperparameters_take_the_place_of_the_runs(source, tmp_path):

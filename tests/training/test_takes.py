@@ -153,8 +153,10 @@ def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
     assert len(take.qpos) == len(take.piano.roll) + 1
 
 
-def test_a_run_that_is_no_pianos_and_a_folder_that_cannot_be_made_are_refused(run, tmp_path):
-    folder = run(n_timesteps=30).folder.path
+def test_a_run_that_is_no_pianos_and_a_folder_that_cannot_be_made_are_refused(
+    pendulum_run, tmp_path
+):
+    folder = pendulum_run().path
     with pytest.raises(RunError, match="cannot be watched: its environment 'Pendulum-v1' is no"):
         play_run(folder)
     assert not (folder / "play").exists()

@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import optuna
@@ -26,6 +25,7 @@ from small_study import (
     small_study,
     wrapped,
 )
+from waiting import wait_for
 from yaml_rows import Tables
 
 from sb3_piano.cli import main
@@ -73,13 +73,6 @@ def trials_of(url=None, folder=StudyFolder(Path("studies/study"))):  # noqa: B00
     with opened_store(url, folder) as store:
         study = optuna.load_study(study_name="study", storage=store)
         return study.get_trials(), counting(study)
-
-
-def until(happened, seconds=120.0):
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end, "it never happened"
-        time.sleep(0.05)
 
 
 # A study that nobody disturbs.
@@ -176,7 +169,7 @@ def run(*more, killed_parent=False):
         started += f"from sb3_piano.cli import main; sys.exit(main({options(*more)!r}))"
         done = subprocess.run([sys.executable, "-c", started], capture_output=True, check=False)
         assert done.returncode == -signal.SIGKILL, done.stderr
-        until(lambda: all(map(gone, pids_of_workers())), seconds=10)
+        wait_for(lambda: all(map(gone, pids_of_workers())), seconds=10)
     return main(options(*more))
 
 
@@ -215,7 +208,7 @@ def test_ctrl_c_ends_the_workers_and_the_same_command_goes_on(capsys):
     command = [sys.executable, "-m", "sb3_piano.cli", *given]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, start_new_session=True, **pipes) as process:
-        until(lambda: list(Path().glob("studies/*/trials/0/seed_0/monitor/*.csv")))
+        wait_for(lambda: list(Path().glob("studies/*/trials/0/seed_0/monitor/*.csv")))
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (130, "")

@@ -128,7 +128,7 @@ def test_with_simulation_the_action_that_earns_most_is_taken_and_the_environment
         own, _ = model.policy.predict(model._last_obs, deterministic=True)
         assert worth(played) >= max(map(worth, [own[0], *others]))
 
-    search = ActionSearchCallback(candidates=20, score="simulation", choice="greedy")
+    search = ActionSearchCallback(candidates=40, score="simulation", choice="greedy")
     looked_at(search, look, gamma=0.8)
 
 

@@ -72,8 +72,7 @@ def ppo():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make_model", [td3, td3_in_threads, ppo])
-@pytest.mark.parametrize("deterministic", [True, False])
-@pytest.mark.parametrize("seed", [0, None])
+@pytest.mark.parametrize(("deterministic", "seed"), [(True, 0), (False, None)])
 def test_training_gives_the_same_model_with_and_without_evaluation(make_model, deterministic, seed):
     expected, next_draw = learned(make_model, None)
     callback = F1Callback(eval_freq=7, deterministic=deterministic, n_eval_episodes=2, seed=seed)

@@ -125,7 +125,7 @@ def test_a_run_is_trained_on_and_its_folder_has_all_that_it_needs(base, capsys):
         "RunResidual",
         "HandReward",
     ]
-    before = evaluate("base").mean
+    before = evaluate("base", physics="reference").mean
     start = correcting(n_timesteps=2, learning_starts=100)
     first = train(start, "first", progress_bar=False).folder
     assert evaluate(first.path).mean["f1"] == before["f1"]

@@ -270,7 +270,8 @@ def test_means_may_differ_by_the_tolerance_and_three_standard_errors(monkeypatch
 @pytest.mark.slow
 def test_what_the_documentation_claims_of_a_short_piece_holds():
     short = next(r for r in RESULTS if r.piece == "repertoire-PathetiqueRondo")
-    assert checking.check(short).problems == ()
+    two = {name: getattr(short, name)[:2] for name in ("seeds", "f1", "onset_f1")}
+    assert checking.check(short.model_copy(update=two)).problems == ()
 
 
 def test_a_processor_is_known_by_its_model_and_its_instructions_for_arrays(monkeypatch):

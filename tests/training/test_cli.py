@@ -15,7 +15,6 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 import yaml
-from fresh_python import run_python
 from short_scores import save_tune
 
 import sb3_piano
@@ -80,17 +79,6 @@ def test_fingers_are_found_for_a_file_without_labels_and_others_when_it_is_train
         assert config["env_kwargs"] == {"score": "score.mid", "fingering": fingering}
 
 
-def test_imported_benchmark_pieces_are_listed_among_the_environments(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
-    score = load_score("CMajorScaleOneHand")
-    for name in ("mine", "etude-12-PartitaNo26"):
-        Library().add(score, name, source="a test", fingering="ours")
-    assert main(["envs"]) == 0
-    *built_in, last = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in built_in] == [*ENV_IDS]
-    assert last.split(maxsplit=1) == ["RoboPianist-etude-12-PartitaNo26-v0", "an imported piece"]
-
-
 def test_options_reach_the_run(tmp_path, capsys):
     options = {
         "--env": "Pendulum-v1", "--config": "small.yml", "--algo": "ddpg", "--steps": "4e1",
@@ -105,7 +93,7 @@ def test_options_reach_the_run(tmp_path, capsys):
     assert sorted(path.name for path in segments) == ["replay-0-10.npz", "replay-10-20.npz"]
 
 
-def test_presets_and_environments_are_listed_with_what_they_are_for(capsys):
+def test_presets_and_environments_are_listed_with_what_they_are_for(tmp_path, monkeypatch, capsys):
     assert main(["presets"]) == 0
     files = [file for of_set in (PRESETS, *NAMED.values(), FINE_TUNING) for file in of_set.values()]
     lines = capsys.readouterr().out.splitlines()
@@ -116,16 +104,17 @@ def test_presets_and_environments_are_listed_with_what_they_are_for(capsys):
     assert [env_id for env_id, _ in listed] == list(ENV_IDS)
     assert all(env_id in gym.registry for env_id, _ in listed)
     assert dict(listed)["RoboPianist-scale-CMajor-v0"] == "a scale"
-
-
-def test_a_list_is_cut_to_what_has_a_text(capsys):
-    assert main(["envs", "SCALE-c"]) == 0
-    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert listed == [env_id for env_id in ENV_IDS if "scale-C" in env_id] != []
-    assert main(["presets", "fsat"]) == 2
-    assert "Nothing has 'fsat' in its name" in capsys.readouterr().err
-    assert main(["presets", "fsat", "--zoo", "sac"]) == 2
-    assert "Unknown preset 'fsat'. Did you mean 'fast'?" in capsys.readouterr().err
+    # Also imported pieces of the benchmark, and of all those that have a text in their name.
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
+    for name in ("mine", "etude-12-PartitaNo26"):
+        Library().add(load_score("scale-CMajor"), name, source="a test", fingering="ours")
+    for text, added in (("", ["RoboPianist-etude-12-PartitaNo26-v0"]), ("SCALE-c", [])):
+        assert main(["envs", *filter(None, [text])]) == 0
+        listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+        assert listed == [n for n in ENV_IDS if text.lower() in n.lower()] + added != []
+    for more, told in (([], "Nothing has 'fsat' in its name"), (["--zoo", "sac"], "mean 'fast'?")):
+        assert main(["presets", "fsat", *more]) == 2
+        assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -149,23 +138,6 @@ def test_help_names_every_physics_profile_and_the_version_is_told(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["--version"])
     assert capsys.readouterr().out == f"sb3-piano {sb3_piano.__version__}\n"
-
-
-AT_THE_END = """
-import atexit, gc, sys
-from sb3_piano.cli import main
-sys.argv = ["sb3-piano", "presets"]
-main({})
-atexit._run_exitfuncs()
-print(gc.get_freeze_count() > 0, file=sys.stderr)
-"""
-
-
-@pytest.mark.parametrize(("arguments", "frozen"), [("", "True\n"), ("['presets']", "False\n")])
-def test_a_command_that_is_all_of_a_program_leaves_its_memory_to_the_system(
-    tmp_path, arguments, frozen
-):
-    assert run_python(["-c", AT_THE_END.format(arguments)], tmp_path).stderr == frozen
 
 
 @pytest.mark.slow

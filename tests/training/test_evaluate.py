@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from yaml_rows import Tables
 
 from sb3_piano.envs import RETURN_KEYS
-from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.music.formats.midi_reading import read_midi
@@ -162,6 +162,9 @@ def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
     assert min(returns) <= low < together.mean["return"] < high <= max(returns)
     assert together.to_json()["interval"]["return"] == (low, high)
     assert "return" not in together.to_json()["no_interval"]
+    for episodes, seeds, message in ((0, 0, "episodes is 0: expected a"), (1, [], "no seeds")):
+        with pytest.raises(ConfigError, match=message):
+            evaluate(folder.path, episodes, seeds)
 
 
 @pytest.mark.slow
@@ -298,19 +301,3 @@ def test_a_run_that_fails_is_named_and_the_others_are_evaluated(three_runs, tmp_
     assert not found.interrupted
     # what nobody expected is logged with its traceback, the rest is not
     assert [record.exc_info[0] for record in caplog.records] == [ZeroDivisionError]
-
-
-def test_what_is_wrong_for_all_runs_is_refused_at_once(three_runs):
-    runs = [run.path for run in three_runs]
-    for changes, message in (
-        ({"episodes": 0}, "episodes is 0: expected a whole number"),
-        ({"seeds": [1, -1]}, "seed is -1: expected a whole number"),
-        ({"seeds": []}, "There are no seeds"),
-        ({"seeds": [0, 0]}, "seed 0 is given 2 times"),
-    ):
-        with pytest.raises(ConfigError, match=message):
-            evaluate_runs(runs, **changes)
-    with pytest.raises(UnknownPieceError, match="Unknown piece 'Twinkle'"):
-        evaluate_runs(runs, scores=["Twinkle"])
-    with pytest.raises(ConfigError, match="td3' is given twice: expected each run once"):
-        evaluate_runs([*runs, runs[1].parent / "td3" / "." / "."])

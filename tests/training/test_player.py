@@ -46,14 +46,6 @@ def test_an_episode_ends_when_a_wrapper_of_the_run_ends_it(piano_run):
         assert [recording.metrics["length"] for recording in player.play(2)] == [3, 3]
 
 
-def test_a_player_of_no_piano_does_not_rest(pendulum_run):
-    with OpenPlayer.open(pendulum_run().path) as player:
-        assert player.rest() is None
-        assert player.piece == "Pendulum-v1"
-        (recording,) = player.play()
-        assert (recording.performance, recording.motion) == (None, None)
-
-
 def test_each_playing_starts_from_its_seed(pendulum_run):
     with OpenPlayer.open(pendulum_run().path, seed=5) as player:
         returns = [r.metrics["return"] for r in player.play(3)]
@@ -84,7 +76,7 @@ def test_a_window_keeps_its_keys_for_another_piece(piano_run):
         OpenPlayer.open(folder.path, score=BEYOND)
 
 
-def test_what_a_run_cannot_play_is_refused(pendulum_run):
+def test_what_a_run_of_no_piano_cannot_play_is_refused(pendulum_run):
     folder = pendulum_run().path
     for error, message, changes in (
         (ConfigError, "seed is -1: expected a whole number, 0 or more", {"seed": -1}),
@@ -94,6 +86,9 @@ def test_what_a_run_cannot_play_is_refused(pendulum_run):
         with pytest.raises(error, match=message):
             OpenPlayer.open(folder, **changes)
     with OpenPlayer.open(folder) as player:
+        assert (player.rest(), player.piece) == (None, "Pendulum-v1")
+        (recording,) = player.play()
+        assert (recording.performance, recording.motion) == (None, None)
         with pytest.raises(ConfigError, match="episodes is 0: expected a whole number"):
             player.play(0)
         with pytest.raises(ConfigError, match="seed is -2: expected a whole number"):

@@ -11,7 +11,6 @@ from sb3_piano import exceptions
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import load_score, write_midi
 from sb3_piano.training import RunConfig, RunFolder, load_fine_tuning, load_start, resume, train
 
 tables = Tables(__file__)
@@ -257,8 +256,8 @@ CHOICES = (
 )
 
 
-def corrected(run, **changes):
-    return load_fine_tuning("sac", player=run, **changes)
+def corrected(run, env_id=None, **changes):
+    return load_fine_tuning("sac", env_id, player=run, **changes)
 
 
 @pytest.mark.parametrize("load", [load_start, corrected])
@@ -279,6 +278,8 @@ def test_what_belongs_to_the_runs_pieces_is_left_out_for_others(config, tmp_path
         run = RunFolder.create(own, tmp_path / str(number))
         kept, found = load(run.path), load(run.path, **other)
         assert run.read_config().env_kwargs.items() <= kept.env_kwargs.items()
+        for named in ("RoboPianist-v0", "sb3_piano:RoboPianist-v0"):  # the run's own
+            assert load(run.path, env_id=named).env_kwargs == kept.env_kwargs
         assert len(kept.env_wrapper) == len(found.env_wrapper) + len(choices)
         assert all(plugin.path not in str(CHOICES) for plugin in found.env_wrapper)
         assert "tempo" not in found.env_kwargs
@@ -287,27 +288,6 @@ def test_what_belongs_to_the_runs_pieces_is_left_out_for_others(config, tmp_path
         assert found.env_kwargs.get("observation") == played.get("observation")
         assert found.env_kwargs.get("score") == other.get("env_kwargs", {}).get("score")
         assert found.pieces == tuple(other.get("pieces", ()))
-
-
-def test_the_runs_own_environment_may_be_named(config, tmp_path):
-    write_midi(load_score("hanon-01"), tmp_path / "own.mid")
-    score = {"env_id": "RoboPianist-v0", "env_kwargs": {"score": str(tmp_path / "own.mid")}}
-    pieces = {"env_id": "RoboPianist-v0", "env_kwargs": {}, "pieces": ["hanon-0[12]"]}
-    labels = {
-        "env_id": "RoboPianist-scale-CMajor-v0",
-        "env_kwargs": {"fingering": str(tmp_path / "labels.csv")},
-    }
-    (tmp_path / "labels.csv").write_text("onset,pitch,finger\n0,60,1\n")
-    for name, changes in (("score", score), ("pieces", pieces), ("labels", labels)):
-        run = RunFolder.create(config(**changes), tmp_path / name)
-        own = run.read_config()
-        for env_id in (None, own.env_id, f"sb3_piano:{own.env_id}"):
-            for found in (
-                load_start(run.path, env_id),
-                load_fine_tuning("sac", env_id, player=run.path),
-            ):
-                assert own.env_kwargs.items() <= found.env_kwargs.items()
-                assert found.pieces == own.pieces
 
 
 def test_the_module_of_an_environment_comes_along(config, tmp_path, monkeypatch):

@@ -11,14 +11,11 @@ import own_terms
 import pytest
 import yaml
 from acting import VEC_ENVS, act_at, scalars
-from fresh_python import run_python
 from html_page import Page
 from short_scores import score_of
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.save_util import load_from_pkl
 from yaml_rows import Tables
 
-from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
@@ -163,44 +160,7 @@ def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_p
     assert f"<h1>{titles[0][0]}</h1>" in write_report(run.path, seed=5).read_text(encoding="utf-8")
 
 
-@tables("entry, message")
-def test_wrong_arguments_are_one_clear_error_and_leave_no_folder(
-    entry, message, tmp_path, score_file, capsys
-):
-    if isinstance(entry, str):
-        wrapper = f"{ROOM}.{entry}"
-    else:
-        wrapper = {f"{ROOM}.{name}": kwargs for name, kwargs in entry.items()}
-    assert train_by_command(tmp_path, score_file, env_wrapper=[wrapper]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert "Traceback" not in error
-    assert not (tmp_path / "run").exists()
-
-
 # Stock RL Zoo.
-
-
-@pytest.mark.slow
-def test_the_stock_zoo_trains_with_the_stack_on_the_same_transitions(tmp_path, score_file):
-    env_kwargs = {"score": str(score_file), "physics": "fast"}
-    file = write_yaml(tmp_path / "zoo.yml", env_kwargs=env_kwargs)
-    command = ["-m", "rl_zoo3.train", "--algo", "td3", "--env", ENV_ID]
-    command += ["--gym-packages", "sb3_piano", "--conf-file", str(file), "--seed", "1"]
-    command += ["--log-folder", str(tmp_path / "zoo"), "--eval-freq", "-1", "--save-replay-buffer"]
-    done = run_python(command, tmp_path)
-    assert done.returncode == 0, done.stderr
-    theirs = load_from_pkl(tmp_path / "zoo" / "td3" / f"{ENV_ID}_1" / "replay_buffer.pkl")
-    assert train_by_command(tmp_path, score_file) == 0
-    folder = RunFolder.open(tmp_path / "run").checkpoint_dir
-    ours = {"observations": [], "actions": [], "rewards": []}
-    for segment in Checkpoint.read(folder).replay.segments:
-        with np.load(folder / segment.file) as rows:
-            for name, found in ours.items():
-                found.append(rows[name])
-    for name, found in ours.items():
-        np.testing.assert_array_equal(np.concatenate(found), getattr(theirs, name)[:40])
-    assert theirs.observations.shape == (100, 1, STACKED_SIZE)
 
 
 # Schedules go on in a resumed training.

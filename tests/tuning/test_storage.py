@@ -219,13 +219,8 @@ def test_a_journal_that_is_damaged_is_refused(line, opened, folder):
     file.write_text("\n".join([*lines[:2], line, *lines[3:], ""]))
     with pytest.raises(RunError, match=f"'{file}' cannot be used .*: expected a journal of Optuna"):
         open_store(None, folder)
-
-
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    folder = StudyFolder(tmp_path / "file" / "study")
     with pytest.raises(RunError, match="journal.log' cannot be used .*Not a directory"):
-        open_store(None, folder)
+        open_store(None, StudyFolder(file / "study"))
 
 
 # Databases.

@@ -107,6 +107,7 @@ def episodes_in(folder):
 def test_sac_has_the_same_first_500_steps_in_ours_and_in_the_stock_zoo(folder, tmp_path):
     """With a piece that is changed by wrappers, which RL Zoo makes of the same lines."""
     entry = {**ENTRY, "n_timesteps": 500, "env_wrapper": WRAPPERS}
+    entry["env_kwargs"] = {"physics": "fast", "n_steps_lookahead": 2}
     entry["callback"] = [{"sb3_piano.callbacks.F1Callback": {"eval_freq": 450}}]
     config, study = study_config(entry), new_study()
     for value in (0.4, 0.5):

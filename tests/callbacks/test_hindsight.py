@@ -349,18 +349,6 @@ def test_an_episode_with_keys_that_the_agent_does_not_see_is_left_out(relabelled
     assert model.replay_buffer.pos == 100 + sum(map(len, relabelled))
 
 
-class Quiet(gym.ActionWrapper):
-    def action(self, action):
-        return self.unwrapped.rest_action
-
-
-def test_an_episode_without_a_sound_is_left_out():
-    model = collecting([lambda: Quiet(piano())])
-    model.learn(40, callback=HindsightCallback())
-    assert model.replay_buffer.pos == 40
-    assert "hindsight/episodes" not in model.logger.name_to_value
-
-
 def test_an_environment_that_is_far_ahead_waits_for_the_other(monkeypatch):
     monkeypatch.setattr("sb3_piano.callbacks.hindsight._MOST_WAITING", 30)
     callback = HindsightCallback()

@@ -273,24 +273,17 @@ class TestDraws:
             likely = callback.sampler.probabilities(names)
             assert env._probabilities.tolist() == pytest.approx(list(likely.values()))
 
-    def test_a_given_score_is_not_counted(self):
+    def test_a_training_that_goes_on_counts_no_episode_twice_and_no_given_score(self):
         venv = on_pieces(THREE)
         venv.set_options({"score": piece("other", 6)})
         callback, seen = LevelReplayCallback(), Played()
-        model_of(venv).learn(30, callback=[callback, seen])
-        assert seen.titles[0] == "other"
-        visits = sum(level.visits for level in callback.sampler.levels.values())
-        assert visits == len(seen.titles) - 1
-        assert "other" not in callback.sampler.levels
-
-    def test_a_training_that_goes_on_counts_no_episode_twice(self):
-        callback, seen = Scores(), Played()
-        model = model_of(on_pieces(THREE))
+        model = model_of(venv)
         model.learn(2, callback=[callback, seen])
-        model.learn(28, callback=callback, reset_num_timesteps=False)
-        assert sum(level.visits for level in callback.sampler.levels.values()) == (
-            1 + len(callback.scores)
-        )
+        assert seen.titles == ["other"]
+        model.learn(28, callback=[callback, seen], reset_num_timesteps=False)
+        visits = sum(level.visits for level in callback.sampler.levels.values())
+        assert visits == len(seen.titles) - 2
+        assert "other" not in callback.sampler.levels
 
 
 class TestReproducibility:

@@ -163,13 +163,6 @@ def best_of(folder):
     return json.loads((folder / "best_model.json").read_text())
 
 
-def test_the_best_model_is_that_of_the_highest_metric(model, tmp_path):
-    model.learn(25, evaluating(0.2, 0.6, 0.4, math.nan, 0.6, best_model_save_path=str(tmp_path)))
-    assert best_of(tmp_path) == {"metric": "f1", "value": 0.6, "num_timesteps": 10}
-    assert TD3.load(tmp_path / "best_model.zip").num_timesteps == 10
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["best_model.json", "best_model.zip"]
-
-
 class Loudness(MetricEvalCallback):
     metric = "loudness"
 
@@ -203,9 +196,14 @@ def test_what_a_model_played_before_it_learnt_may_be_the_best_and_end_the_traini
         assert model.num_timesteps == steps
 
 
-def test_a_training_that_goes_on_keeps_the_best_model_of_before(model, tmp_path):
+def test_the_best_model_is_that_of_the_highest_metric_also_in_a_training_that_goes_on(
+    model, tmp_path
+):
     path = str(tmp_path)
-    model.learn(10, evaluating(0.2, 0.6, best_model_save_path=path))
+    model.learn(25, evaluating(0.2, 0.6, 0.4, math.nan, 0.6, best_model_save_path=path))
+    assert best_of(tmp_path) == {"metric": "f1", "value": 0.6, "num_timesteps": 10}
+    assert TD3.load(tmp_path / "best_model.zip").num_timesteps == 10
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["best_model.json", "best_model.zip"]
     for found, best in ((0.5, 0.6), (0.7, 0.7)):
         callback = evaluating(found, best_model_save_path=path)
         model.learn(5, callback, reset_num_timesteps=False)

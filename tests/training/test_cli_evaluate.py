@@ -111,17 +111,13 @@ def test_several_episodes_have_mean_deviation_and_interval(pendulum_run, call, t
     assert "An interval from so few values (4) is too narrow" in out
     assert "episodes are the same" not in out
     assert found["episode_seeds"] == [4, 4, 1, 1]
-
-
-@pytest.mark.slow
-def test_a_repeated_episode_is_said_to_be_one(piano_run, call):
-    piano_run(STILL)
-    _, out, _ = call("evaluate run --seeds 0 1 2")
-    assert "Here all episodes are the same: nothing is random, so one would do" in out
-    assert "95 % interval" not in out
-    assert "± 0.000" in out
-    assert "no key was pressed in 3 of 3 episodes, so there is no MIDI file" in out
-    assert "are the same" not in call("evaluate run")[1]
+    pendulum_run("other", algo="sac")
+    _, out, _ = call("evaluate run other --seeds 0 1 2")
+    assert [row[0] for row in rows_of(out)[1:3]] == ["run", ""]  # the line under the mean
+    assert ".." in rows_of(out)[2][1]
+    assert len(rows_of(out)[0]) == 2  # of the main metrics, these have the return alone
+    assert "Means over all episodes of all seeds; below, where they vary, 95 % intervals" in out
+    assert "so few values (3)" in out
 
 
 @pytest.mark.slow
@@ -142,10 +138,18 @@ def test_several_runs_have_a_row_each_under_their_piece(piano_run, call, tmp_pat
 
 
 @pytest.mark.slow
-def test_baselines_that_differ_are_shown_for_each_run(piano_run, call):
+def test_equal_episodes_are_said_to_be_so_and_baselines_that_differ_shown_for_each_run(
+    piano_run, call
+):
     piano_run(STILL, "one")
     piano_run(STILL, "two", control_timestep=0.1)
+    _, out, _ = call("evaluate two --seeds 0 1 2")  # nothing of which is random
+    assert "Here all episodes are the same: nothing is random, so one would do" in out
+    assert "95 % interval" not in out
+    assert "± 0.000" in out
+    assert "no key was pressed in 3 of 3 episodes, so there is no MIDI file" in out
     _, out, _ = call("evaluate one two --metric length")
+    assert "are the same" not in out
     assert [row[:2] for row in rows_of(out)] == [
         ["duet", ""],
         ["one", "25"],
@@ -153,19 +157,6 @@ def test_baselines_that_differ_are_shown_for_each_run(piano_run, call):
         ["no-op baseline of one", "25"],
         ["no-op baseline of two", "13"],
     ]
-
-
-def test_intervals_and_repetitions_of_several_runs_are_explained(pendulum_run, call):
-    pendulum_run("one")
-    pendulum_run("two", algo="sac")
-    _, out, _ = call("evaluate one two --seeds 0 1 2")
-    assert rows_of(out)[1][0] == "one"
-    assert rows_of(out)[2][0] == ""  # the line under the mean
-    assert ".." in rows_of(out)[2][1]
-    assert len(rows_of(out)[0]) == 2  # of the main metrics, these have the return alone
-    assert "Means over all episodes of all seeds; below, where they vary, 95 % intervals" in out
-    assert "so few values (3)" in out
-    assert "are the same" not in out
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """``sb3-piano record`` and ``clone``: from a run to a data set, and from that to another run."""
 
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import minari
@@ -242,21 +243,19 @@ def test_what_cannot_be_cloned_is_told(recorded_pendulum, small_yaml, midi_file,
         clone(PENDULUM, "sac", "here", config=small_yaml, **QUICK, on_epoch=told.append)
     assert told == []  # before any work
     assert evaluate("here").num_timesteps == 0
+
+    def stop(loss):
+        with pytest.raises(RunError, match="is no run, it has no config.yml"):
+            RunFolder.open("there")  # what a killed process would leave
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        clone(PENDULUM, "sac", "there", config=small_yaml, **QUICK, on_epoch=stop)
+    assert not Path("there").exists()
     env = PianoEnv(midi_file, physics="fast")
     record(Still(env), env, "still-v0")
     with pytest.raises(ConfigError, match="'still-v0' does not tell its environment"):
         clone("still-v0")
-
-
-def test_a_clone_that_is_broken_off_leaves_no_run(recorded_pendulum, small_yaml, tmp_path):
-    def stop(loss):
-        with pytest.raises(RunError, match="is no run, it has no config.yml"):
-            RunFolder.open("here")  # what a killed process would leave
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        clone(PENDULUM, "sac", "here", config=small_yaml, **QUICK, on_epoch=stop)
-    assert not (tmp_path / "here").exists()
 
 
 @tables("package, extra, command")

@@ -170,21 +170,22 @@ def test_a_process_that_dies_takes_only_its_own_job_with_it(tmp_path):
     assert_done(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("changed", "difference"),
-    [({"steps": 61}, "steps 60, not 61"), ({"of": {"name": "x"}}, "of.name a, not x")],
-)
-def test_other_settings_than_those_of_before_are_refused_and_the_first_is_named(
-    tmp_path, changed, difference
-):
+def test_other_settings_than_those_of_before_are_refused_and_the_first_is_named(tmp_path):
     (job, *_) = jobs_in(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         finish([replace(job, work=interrupt)], Here())
-    other = replace(job, settings={**job.settings, **changed})
-    with pytest.raises(RunError, match=f"The job 'a' in '.*' has {difference}: expected the same"):
-        finish([other], Here())
+    for changed, told in (
+        ({"steps": 61}, "steps 60, not 61"),
+        ({"of": {"name": "x"}}, "of.name a, not x"),
+    ):
+        other = replace(job, settings={**job.settings, **changed})
+        with pytest.raises(RunError, match=f"The job 'a' in '.*' has {told}: expected the same"):
+            finish([other], Here())
     assert not log(tmp_path)
     assert finish([job], Here())[0].result == {"steps": STEPS}
+    (job.folder / "result.json").write_text("{")
+    with pytest.raises(RunError, match=r"result.json' cannot be read .*: delete it, and"):
+        finish([job], Here())
 
 
 def interrupt(job):
@@ -201,22 +202,12 @@ def test_a_folder_with_anything_else_is_refused_and_left_alone(tmp_path):
     assert [path.name for path in job.folder.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.parametrize(
-    ("changed", "told"), [({"needs": ("b",)}, "needs 'b'"), ({"name": "b"}, "has the name of")]
-)
-def test_needs_are_jobs_before_and_names_differ(tmp_path, changed, told):
+def test_needs_are_jobs_before_and_names_differ(tmp_path):
     a, b, *_ = jobs_in(tmp_path)
-    with pytest.raises(ConfigError, match=f"Job '[ab]' {told}.*: expected names that differ"):
-        finish([replace(a, **changed), b], Here())
+    for changed, told in (({"needs": ("b",)}, "needs 'b'"), ({"name": "b"}, "has the name of")):
+        with pytest.raises(ConfigError, match=f"Job '[ab]' {told}.*: expected names that differ"):
+            finish([replace(a, **changed), b], Here())
     assert not log(tmp_path)
-
-
-def test_a_damaged_result_is_named(tmp_path):
-    (job, *_) = jobs_in(tmp_path)
-    finish([job], Here())
-    (job.folder / "result.json").write_text("{")
-    with pytest.raises(RunError, match=r"result.json' cannot be read .*: delete it, and"):
-        finish([job], Here())
 
 
 @pytest.mark.slow

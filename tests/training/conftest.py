@@ -107,13 +107,6 @@ def pendulum_run(small_config, trained, tmp_path):
 
 
 @pytest.fixture
-def ppo_config(small_config):
-    """A tiny PPO with rollouts of 20 steps."""
-    options = {"batch_size": 20, "n_epochs": 1}
-    return small_config(algo="ppo", n_timesteps=80, env_kwargs={}, algorithm_kwargs=options)
-
-
-@pytest.fixture
 def written(tmp_path) -> Callable[..., Path]:
     """Return a function that writes what evaluation writes: metrics by piece and seed."""
 

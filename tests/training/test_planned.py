@@ -246,21 +246,6 @@ def test_all_joints_play_unless_the_reduced_action_space_is_asked_for(monkeypatc
     assert widths == [44, 38, 38]
 
 
-def test_the_listener_hears_of_every_step():
-    calls = []
-    spec = PlayerSpec.parse("sampling:samples=1,horizon=1,nominal=none")
-    with OpenPlayer.open(spec, score="plain.mid", physics="fast") as player:
-        take = take_of(player, lambda done, total: calls.append((done, total)))
-    roll = take.performance.roll
-    assert calls == [(step, len(roll)) for step in range(1, len(roll) + 1)]
-    assert take.metrics["length"] == len(roll)
-    # Half a second to get to the first note, and a finger for each note.
-    assert not roll.active[:10].any()
-    assert roll.active[10].sum() == 2
-    assert (roll.finger[roll.active] >= 0).all()
-    assert len(take.qpos) == len(roll) + 1
-
-
 def f1_of(told):
     return float(told.partition("before, ")[2].split()[0])
 

@@ -87,9 +87,10 @@ def test_an_interruption_saves_and_says_so(run, action):
     ("n_timesteps", "step", "done", "interrupted"), [(80, 50, 50, True), (50, 55, 60, False)]
 )
 def test_an_on_policy_training_ends_within_its_rollout_unless_it_is_the_last(
-    ppo_config, tmp_path, n_timesteps, step, done, interrupted
+    small_config, tmp_path, n_timesteps, step, done, interrupted
 ):
-    whole = dataclasses.replace(ppo_config, n_timesteps=n_timesteps)
+    options = {"batch_size": 20, "n_epochs": 1}  # and rollouts of 20 steps
+    whole = small_config(algo="ppo", n_timesteps=n_timesteps, algorithm_kwargs=options)
     config = dataclasses.replace(whole, callback=act_at(step, "SIGINT"))
     result = train(config, tmp_path / "run", progress_bar=False)
     assert (result.interrupted, result.num_timesteps) == (interrupted, done)

@@ -48,22 +48,6 @@ def calls(monkeypatch):
     return listen
 
 
-def test_who_is_compared_with_whom(simulations):
-    expected = {"mj_step, reference": {}}
-    for profile in ("reference", "fast"):
-        bare, step = f"mj_step, {profile}", f"PianoEnv.step, {profile}"
-        expected.setdefault(bare, {})
-        for name in (step, f"gymnasium.make, {profile}"):
-            expected[name] = {"env/bare": (bare, name)}
-        expected[f"{step}, 43 keys move"] = {f"x of {step}": (f"{step}, 43 keys move", step)}
-    for name in ("vector env, 1 slot, fast", "vector env, 2 slots, fast"):
-        expected[name] = {"x of PianoEnv.step, fast": (name, "PianoEnv.step, fast")}
-    for name in list(expected)[1:]:
-        expected[name]["x of bare reference"] = (name, "mj_step, reference")
-    assert {name: m.ratios for name, m in simulations.items()} == expected
-    assert list(simulations) == list(expected)
-
-
 @pytest.mark.slow
 def test_another_version_and_this_one_play_in_processes_of_their_own(actions, tmp_path):
     shutil.copytree(Path(sb3_piano.__file__).parent, tmp_path / "sb3_piano")

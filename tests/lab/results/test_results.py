@@ -209,29 +209,20 @@ def test_the_same_seed_draws_the_same_sample_and_long_pieces_as_likely_as_short_
     assert drawn(RESULTS, None, 0) == list(RESULTS)
 
 
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory):
-    """Return a file of a run and the sight-reader, each on a study, measured by the command."""
-    folder = tmp_path_factory.mktemp("results")
+@pytest.mark.slow
+def test_an_honest_file_holds_and_a_wrong_one_does_not(tmp_path, capsys):
+    measured = tmp_path / "results.json"
     command = ["results", "measure", "--pieces", "scale-AMajor", "--seeds", "0", "1"]
     command += ["--player", "sight-reader", f"sight-reader:model={SHIPPED}", "--physics", "fast"]
-    command += ["--noise", "0.01", "--workers", "1", "--out", str(folder / "results.json")]
+    command += ["--noise", "0.01", "--workers", "1", "--out", str(measured)]
     assert main(command) == 0
-    return folder / "results.json"
-
-
-def check(file, *options):
-    return main(["results", "check", str(file), "--all", "--workers", "1", *options])
-
-
-@pytest.mark.slow
-def test_an_honest_file_holds_and_a_wrong_one_does_not(measured, tmp_path, capsys):
     by_file, by_reader = sorted(Results.read(measured).results, key=lambda r: -len(r.player))
     assert by_file.f1 == by_reader.f1  # it is the same player, with the same noise
     assert len({*by_reader.f1, *by_reader.onset_f1}) > 2  # which differs from seed to seed
     file = tmp_path / "nearly.json"
     Results(results=(by_file, moved(by_reader, f1=-0.3, onset_f1=0.0))).write(file)
-    assert check(file) == 1
+    capsys.readouterr()
+    assert main(["results", "check", str(file), "--all", "--workers", "1"]) == 1
     out = capsys.readouterr().out
     assert "f1: claimed" in out
     assert "onset_f1" not in out

@@ -19,7 +19,6 @@ from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, PianoRoll, Score
-from sb3_piano.performance import Performance
 from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
 from sb3_piano.wrappers import (
     Excerpt,
@@ -135,41 +134,6 @@ def assert_same_playing(relabelled, original):
     np.testing.assert_array_equal(relabelled.roll.active[:steps], original.key_active[:steps])
     np.testing.assert_array_equal(relabelled.roll.sustain[:steps], original.sustain[:steps])
     assert not original.key_active[steps:].any()
-
-
-def performance_of(key_active, sustain, press_finger):
-    steps, none = len(key_active), np.zeros(0)
-    roll = PianoRoll(
-        control_timestep=0.05,
-        active=np.zeros((steps, 88)),
-        finger=np.full((steps, 88), -1),
-        onset=np.zeros((steps, 88)),
-        sustain=np.zeros(steps),
-    )
-    times = {"strike_time": none, "strike_speed": none, "release_time": none}
-    played = {"key_active": key_active, "sustain": sustain, "press_finger": press_finger}
-    return Performance(roll=roll, **played, **times)
-
-
-def test_the_roll_of_a_score_by_steps_is_what_was_played():
-    random = np.random.default_rng(0)
-    for _ in range(12):
-        steps, share = random.integers(1, 400), random.choice([0.001, 0.02, 0.5, 0.9])
-        keys = random.random((steps, 88)) < share
-        pedal = random.random(steps) < 0.5
-        fingers = np.where(keys, random.integers(0, 10, keys.shape), -1).astype(np.int8)
-        score = performance_of(keys, pedal, fingers).to_score(by_steps=True)
-        if score is None:
-            assert not keys.any()
-            continue
-        roll = PianoRoll.from_score(score, 0.05)
-        last = np.flatnonzero(keys.any(axis=1))[-1]
-        assert len(roll) == last + 2
-        shown = min(len(roll), steps)
-        np.testing.assert_array_equal(roll.active[:shown], keys[:shown])
-        np.testing.assert_array_equal(roll.sustain[:shown], pedal[:shown])
-        begins = keys[:shown] & ~np.vstack([np.zeros((1, 88), dtype=bool), keys[: shown - 1]])
-        np.testing.assert_array_equal(roll.finger[:shown][begins], fingers[:shown][begins])
 
 
 def test_where_hands_are_agents_each_has_its_part_of_a_relabelled_episode():

@@ -229,23 +229,6 @@ def test_stages_take_several_pieces(write_piano, run):
 
 
 @pytest.mark.slow
-def test_ctrl_c_stops_and_the_same_call_goes_on(write, run):
-    file = write(
-        PENDULUM, {**PENDULUM, "callback": act_at(30, "SIGINT"), "with_buffer": True}, PENDULUM
-    )
-    result = run(file, checkpoint_every=1000)
-    assert result[-1].result is None
-    assert [end[1:] for end in ends(result)] == [(60, "budget"), (30, None), (0, None)]
-    before = content(folders(result)[0].path)
-    result = run(file, seed=None)
-    assert result[-1].result is not None
-    assert [end[1:] for end in ends(result)] == [(60, "budget")] * 3
-    assert content(folders(result)[0].path) == before
-    assert Checkpoint.read(folders(result)[1].checkpoint_dir).replay.total == 120
-    assert load_curriculum(result[0].job.folder.parent).seed == 1
-
-
-@pytest.mark.slow
 def test_patience_goes_on_across_an_interruption(write_piano, run):
     until = {"f1": 0, "eval_freq": 20, "patience": 3}
     file = write_piano({"piece": "hanon-01", "until": until, "n_timesteps": 200})

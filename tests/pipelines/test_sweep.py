@@ -4,14 +4,11 @@ import contextlib
 import csv
 import dataclasses
 import json
-import os
 import re
 import shutil
-import signal
 import statistics
 from pathlib import Path
 
-import gymnasium as gym
 import pytest
 import torch
 import yaml
@@ -23,7 +20,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.jobs import Here, Job, status
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.pipelines import SweepConfig, TrainingJob, load_sweep, sweep
-from sb3_piano.training import RunFolder, resume
+from sb3_piano.training import RunFolder, evaluate, resume
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 tables = Tables(__file__)
@@ -184,37 +181,17 @@ def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
     assert "An interval from so few values (2) is too narrow" in printed.out
 
 
-class Stopped(gym.Wrapper):
-    """Press Ctrl-C in the second episode that is judged; named in a config by its import path."""
-
-    episodes = 0
-
-    def reset(self, **kwargs):
-        self.episodes += 1
-        return self.env.reset(**kwargs)
-
-    def step(self, action):
-        # Resting hands and the first episode each end with a reset that begins the next one.
-        if self.episodes == 4 and Path("ctrl-c").exists():
-            Path("ctrl-c").unlink()
-            os.kill(os.getpid(), signal.SIGINT)
-        return self.env.step(action)
-
-
 @pytest.mark.slow
-def test_an_evaluation_that_is_interrupted_leaves_its_cell_unfinished(
-    tmp_path, monkeypatch, ctrl_c
-):
-    monkeypatch.chdir(tmp_path)
-    settings = {**SHORT["settings"], "env_wrapper": f"{__name__}.Stopped", "n_timesteps": 1}
-    config = SweepConfig(**{**SHORT, "settings": settings, "episodes": 3})
-    (job,) = config.jobs(tmp_path / "sweep")
-    Path("ctrl-c").touch()
-    with pytest.raises(KeyboardInterrupt):
-        job.do()
-    assert not Path("ctrl-c").exists()
-    file = Path(job.folder, "evaluation", "metrics.json")
-    assert len(json.loads(file.read_text())["episodes"]) == 1
+def test_an_evaluation_that_is_interrupted_leaves_its_cell_unfinished(tmp_path, monkeypatch):
+    def interrupted(*arguments):
+        return dataclasses.replace(evaluate(*arguments), interrupted=True)
+
+    settings = {**SHORT["settings"], "n_timesteps": 1}
+    (job,) = SweepConfig(**{**SHORT, "settings": settings}).jobs(tmp_path / "sweep")
+    with monkeypatch.context() as patch:
+        patch.setattr("sb3_piano.pipelines.training.evaluate", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            job.do()
     assert [run.state for run in status([job])] == ["1 of 1 steps"]
     assert set(job.do()["metrics"]) >= {"f1", "return"}
 

@@ -11,6 +11,7 @@ from yaml_rows import Tables
 from sb3_piano.cli import main
 from sb3_piano.cli.evaluation_tables import _several_runs_table, rounded
 from sb3_piano.metrics.episode import FINGER_SHARES
+from sb3_piano.training import evaluate
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.statistics import summarize
 
@@ -175,31 +176,48 @@ def test_named_metrics_choose_rows_or_columns(piano_run, pendulum_run, call):
     assert pendulum[1][2] == "20"
 
 
-def test_a_run_that_fails_leaves_the_others_and_an_exit_code(pendulum_run, call, tmp_path):
-    pendulum_run("one")
-    code, out, err = call("evaluate nix one --json all.json")
+def wrap(folder, **options):
+    wrapper = {"acting.AtStep": options}
+    folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=wrapper))
+
+
+def test_a_run_that_fails_is_named_and_the_others_are_evaluated(
+    pendulum_run, call, tmp_path, caplog
+):
+    pendulum_run("good")
+    wrap(pendulum_run("broken", algo="sac"), step=3, action="fail")
+    pendulum_run("damaged", algo="ddpg").model_file.write_bytes(b"PK")
+    code, out, err = call("evaluate nix broken damaged good --json all.json")
     assert code == 2
-    assert err.startswith(
-        "sb3-piano: error: Run 'nix' was not evaluated: There is no player or folder"
-    )
-    assert err.count("\n") == 1
-    assert [row[0] for row in rows_of(out)] == ["Pendulum-v1", "one"]
+    missing, broken, damaged = err.splitlines()
+    told = "sb3-piano: error: Run '{}' was not evaluated: {}"
+    assert missing.startswith(told.format("nix", "There is no player or folder"))
+    assert broken == told.format("broken", "ZeroDivisionError('of a wrapper')")
+    assert "cannot be loaded" in damaged
+    # What nobody expected is logged with its traceback, the rest is not.
+    assert [record.exc_info[0] for record in caplog.records] == [ZeroDivisionError]
+    assert [row[0] for row in rows_of(out)] == ["Pendulum-v1", "good"]
     assert "Everything:  all.json\n" in out
     content = json.loads((tmp_path / "all.json").read_text())
-    assert (len(content["evaluations"]), len(content["failures"])) == (1, 1)
+    assert (len(content["evaluations"]), len(content["failures"])) == (1, 3)
+    assert not content["interrupted"]
 
 
-def test_ctrl_c_writes_what_is_there(pendulum_run, call, tmp_path, ctrl_c):
-    pendulum_run("one")
-    folder = pendulum_run("two")
-    config = folder.read_config()
-    stopped = {"acting.AtStep": {"step": 3}}
-    folder.write_config(dataclasses.replace(config, env_wrapper=stopped))
-    code, out, err = call("evaluate one two --csv all.csv")
+def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(
+    pendulum_run, call, tmp_path, ctrl_c
+):
+    runs = [pendulum_run(name) for name in ("one", "two", "three")]
+    alone = evaluate(runs[1].path, 2, [0, 1])
+    wrap(runs[1], step=61)  # in the fourth episode
+    code, out, err = call("evaluate one two three --episodes 2 --seeds 0 1 --csv all.csv")
     assert (code, err) == (130, "sb3-piano: interrupted.\n")
-    assert "Pendulum-v1: 1 episode" in out
     assert "Episodes:    all.csv\n" in out
-    assert len((tmp_path / "all.csv").read_text().splitlines()) == 2
+    assert len((tmp_path / "all.csv").read_text().splitlines()) == 1 + 4 + 3  # no third run
+    written = metrics_of("two", tmp_path)
+    assert written["interrupted"]
+    assert written["episode_seeds"] == [0, 0, 1]
+    assert written["episodes"] == list(alone.episodes[:3])
+    assert len(written["performances"]) == 3
 
 
 @pytest.mark.slow

@@ -140,14 +140,13 @@ def test_of_a_long_name_the_middle_is_left_out_and_the_seed_stays(of_differences
     ]
 
 
-def test_dollars_in_names_are_no_formulas(compared, tmp_path):
+def test_dollars_are_no_formulas_and_of_long_paths_the_end_stands_above(
+    compared, of_differences, tmp_path, monkeypatch
+):
     a, b = {"$^$": {"$_$": 0.1}}, {"$^$": {"$_$": 0.3}}
     comparison = compared(a, b, files=("$^$.json", "b.json"))
     comparison.plot(tmp_path / "all.png")  # which raises an error for a formula that is none
     assert names_on(panel_of(comparison)) == ["$^$"]
-
-
-def test_the_sources_stand_above_of_long_paths_the_end(of_differences, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     long = "a" * 100
     (tmp_path / long).mkdir()

@@ -3,8 +3,6 @@
 import dataclasses
 import errno
 import json
-import os
-import signal
 
 import gymnasium as gym
 import numpy as np
@@ -183,26 +181,6 @@ def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
     assert own.metrics_file.read_text() == before
 
 
-def ctrl_c_after(episodes):
-    """Return a listener that presses Ctrl-C after so many episodes."""
-    left = iter(range(episodes - 1, -1, -1))
-    return lambda: next(left) or os.kill(os.getpid(), signal.SIGINT)
-
-
-def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(three_runs, ctrl_c):
-    runs = [run.path for run in three_runs]
-    evaluations = evaluate_runs(runs, 2, [0, 1], on_episode=ctrl_c_after(7))
-    assert evaluations.interrupted
-    assert [len(found.episodes) for found in evaluations.evaluations] == [4, 3]  # no third run
-    found = evaluations.evaluations[1]
-    assert found.interrupted
-    assert found.episode_seeds == (0, 0, 1)
-    written = json.loads(found.metrics_file.read_text())
-    assert written["interrupted"]
-    assert len(written["episodes"]) == len(found.performances) == 3
-    assert found.episodes == evaluate(runs[1], 2, [0, 1]).episodes[:3]
-
-
 def test_a_place_that_cannot_be_written_is_told_before_and_a_full_disk_afterwards(
     pendulum_run, monkeypatch, caplog
 ):
@@ -286,18 +264,3 @@ def test_the_json_has_everything_and_can_be_compared(three_runs, tmp_path):
     (pair,) = compare(file, sac.path).metrics[0].pairs
     assert pair.a == pytest.approx(found.evaluations[0].mean["return"])
     assert pair.b == pytest.approx(other.mean["return"])
-
-
-def test_a_run_that_fails_is_named_and_the_others_are_evaluated(three_runs, tmp_path, caplog):
-    td3, sac, ddpg = three_runs
-    wrap(sac, {"acting.AtStep": {"step": 3, "action": "fail"}})
-    ddpg.model_file.write_bytes(b"PK")
-    found = evaluate_runs([tmp_path / "nix", sac.path, ddpg.path, td3.path])
-    assert [evaluation.run for evaluation in found.evaluations] == [td3.path]
-    missing, broken, damaged = map(str, found.failures)
-    assert missing.startswith(f"Run '{tmp_path / 'nix'}' was not evaluated: There is no folder")
-    assert broken == f"Run '{sac.path}' was not evaluated: ZeroDivisionError('of a wrapper')"
-    assert "cannot be loaded" in damaged
-    assert not found.interrupted
-    # what nobody expected is logged with its traceback, the rest is not
-    assert [record.exc_info[0] for record in caplog.records] == [ZeroDivisionError]

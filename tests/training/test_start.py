@@ -229,10 +229,6 @@ def test_another_piece_and_other_hyperparameters_take_the_place_of_the_runs(sour
     run = source()
     piece = RunConfig(**{**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"})
     run.write_config(piece.in_env(score="FurElise", physics="fast"))
-    found = load_start(run.path, "RoboPianist-scale-CMajor-v0")
-    assert "score" not in found.env_kwargs
-    assert found.env_kwargs["physics"] == "fast"
-    assert load_start(run.path).env_kwargs["score"] == "FurElise"
     (tmp_path / "own.yml").write_text("default: {n_timesteps: 9, policy: MlpPolicy, gamma: 0.5}")
     own = load_start(run.path, "Pendulum-v1", tmp_path / "own.yml", seed=4)
     assert (own.n_timesteps, own.seed, own.algorithm_kwargs["gamma"]) == (9, 4, 0.5)

@@ -189,7 +189,7 @@ def test_a_high_temperature_draws_all_and_a_low_one_the_best():
         assert len(np.unique(explored(model, 40), axis=0)) == 40
 
     def spread(model, found):
-        found.append(explored(model, 60).std(axis=0).mean())
+        found.append(explored(model, 40).std(axis=0).mean())
 
     looked_at(ActionSearchCallback(temperature=1e9), look_at_all)
     spreads = []

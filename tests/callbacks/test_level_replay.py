@@ -157,7 +157,7 @@ class TestScores:
     def test_they_are_those_of_the_rows_in_the_replay_buffer(self, algorithm, decay):
         callback = Scores(gae_lambda=decay)
         model = model_of(on_pieces(THREE), algorithm)
-        model.learn(60, callback=callback)
+        model.learn(40, callback=callback)
         assert_scores_of_rows(model, callback, decay=decay)
         assert model.replay_buffer.timeouts.any()
 
@@ -165,7 +165,7 @@ class TestScores:
     def test_they_are_so_of_mappings_of_episodes_that_were_not_cut_off_and_normalised(self, kind):
         # the fingers fall on wrong keys soon
         long = [piece("a", 40), piece("b", 50)]
-        venv, steps = on_pieces(long, wrong_press_termination=True), 200
+        venv, steps = on_pieces(long, wrong_press_termination=True), 120
         if kind == "mappings":
             venv, steps = DummyVecEnv([lambda: as_dict(piano())]), 60
         elif kind == "normalised":
@@ -251,7 +251,7 @@ class TestDraws:
     def test_the_piece_with_the_most_to_learn_is_played_the_most(self):
         callback, seen = LevelReplayCallback(beta=0.1, rho=0.0), Played()
         model = model_of(DummyVecEnv([lambda: Rewarding(piano())]))
-        model.learn(150, callback=[callback, seen])
+        model.learn(100, callback=[callback, seen])
         # the fourth is drawn before the third has its score
         assert set(seen.titles[:3]) == set("abc")
         assert set(seen.titles[4:]) == {"b"}
@@ -262,7 +262,7 @@ class TestDraws:
         a, b, c = THREE
         callback, seen = LevelReplayCallback(), Played()
         model = model_of(on_pieces([a, b], [c], [b, c]))
-        model.learn(3 * 60, callback=[callback, seen])
+        model.learn(3 * 40, callback=[callback, seen])
         levels = callback.sampler.levels
         assert set(levels) == {"a", "b", "c"}
         assert all(level.score is not None for level in levels.values())

@@ -283,13 +283,6 @@ def test_a_given_environment_is_left_open_and_its_own_is_closed(model):
     assert not training.closed
 
 
-def test_an_environment_of_gymnasiums_is_refused_before_a_step():
-    model = tiny("Pendulum-v1")
-    with pytest.raises(ConfigError, match="cannot evaluate Pendulum-v1.*no 'f1': expected a piano"):
-        model.learn(300, F1Callback(eval_freq=5))
-    assert model.num_timesteps == 0
-
-
 def test_an_environment_without_the_metric_is_named(model):
     env = Monitor(ScriptedEnv([{"f2": 0.1}]))
     with pytest.raises(ConfigError, match="info of 'ScriptedEnv' lacks.*mean 'f2'.*Expected a pi"):
@@ -297,3 +290,7 @@ def test_an_environment_without_the_metric_is_named(model):
     env = TimeLimit(Monitor(with_f1(0.1)), 3)  # whose end the Monitor does not see
     with pytest.raises(ConfigError, match="'ScriptedEnv' was ended by a wrapper around"):
         model.learn(5, F1Callback(env, eval_freq=5))
+    model = tiny("Pendulum-v1")  # of gymnasium, before a step
+    with pytest.raises(ConfigError, match="cannot evaluate Pendulum-v1.*no 'f1': expected a piano"):
+        model.learn(300, F1Callback(eval_freq=5))
+    assert model.num_timesteps == 0

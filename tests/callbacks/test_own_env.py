@@ -143,20 +143,6 @@ def test_other_wrappers_of_the_vector_are_copied_for_one_environment():
         own_env(VecFrameStack(vector_of(NoisyEnv, n_envs=2), n_stack=3))
 
 
-@pytest.mark.slow
-def test_processes_have_no_environment_to_copy():
-    training = vector_of(
-        NoisyEnv, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "fork"}
-    )
-    try:
-        with pytest.raises(
-            ConfigError, match="in a SubprocVecEnv.*eval_env=.*by 'sb3-piano train'"
-        ):
-            own_env(training)
-    finally:
-        training.close()
-
-
 def test_an_environment_that_cannot_be_copied_is_named(tmp_path):
     class WithFile(NoisyEnv):
         def __init__(self):
@@ -165,10 +151,14 @@ def test_an_environment_that_cannot_be_copied_is_named(tmp_path):
         def close(self):
             self.file.close()
 
-    training = vector_of(WithFile)
-    with pytest.raises(ConfigError, match="training's WithFile cannot be copied .*eval_env="):
-        own_env(training)
-    training.close()
+    elsewhere = {"vec_env_cls": SubprocVecEnv, "vec_env_kwargs": {"start_method": "fork"}}
+    for training, message in (
+        (vector_of(WithFile), "training's WithFile cannot be copied .*eval_env="),
+        (vector_of(NoisyEnv, **elsewhere), "in a SubprocVecEnv.*eval_env=.*by 'sb3-piano train'"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            own_env(training)
+        training.close()
 
 
 RUN = RunContext(folder=Path("runs/1"), make_env=lambda innermost: pytest.fail("not needed yet"))

@@ -44,7 +44,7 @@ def test_damaged_metadata_is_named(pendulum_data, datasets, tmp_path):
         with pytest.raises(ConfigError, match=f"Data set '{NAME}' in .* cannot be read"):
             clone(NAME, folder=tmp_path / "run", **QUICK)
     found = json.loads(content)
-    for key in sorted(found):
+    for key in sorted(found)[::2]:
         file.write_text(json.dumps({**found, key: "\x00"}))
         line = told(ConfigError, lambda: clone(NAME, folder=tmp_path / key, **QUICK))  # noqa: B023
         assert line is None or f"Data set '{NAME}'" in line

@@ -1,8 +1,5 @@
 """Environments and models are built as the config says."""
 
-import os
-import signal
-
 import gymnasium as gym
 import pytest
 from stable_baselines3 import TD3
@@ -102,12 +99,3 @@ def test_what_an_algorithm_or_a_callback_refuses_is_named(build, small_config):
     message = r"optimizer_kwargs.betas\[0\]: 'os.system' is no subclass of Module or O"
     with pytest.raises(ConfigError, match=message):
         algorithm_arguments(small_config(algorithm_kwargs=hidden))
-
-
-@pytest.mark.slow
-def test_a_process_of_subproc_that_was_killed_is_named(build):
-    venv = build(vec_env="subproc", n_envs=2)
-    assert venv.n_processes == 2
-    os.kill(venv._processes[1].pid, signal.SIGKILL)
-    with pytest.raises(RunError, match="Process 1 of the environments has ended"):
-        venv.reset()

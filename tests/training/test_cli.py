@@ -18,6 +18,7 @@ import yaml
 from short_scores import save_tune
 
 import sb3_piano
+from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.cli.common import adder
 from sb3_piano.cli.main import COMMANDS, parser_of
@@ -67,13 +68,17 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     assert "has done 80 of 80 steps: nothing is left to do" in capsys.readouterr().out
 
 
-def test_fingers_are_found_for_a_file_without_labels_and_others_when_it_is_trained_on(tmp_path):
-    save_tune(tmp_path / "plain.mid")
+def test_a_training_starts_from_a_run_with_its_piece_or_others_and_with_other_fingers(tmp_path):
+    save_tune(tmp_path / "plain.mid")  # without labels
     common = ["--steps", "3", "--no-progress"]
     train = ["train", "--midi", "plain.mid", "--fingering", "ergonomic", "--config", "small.yml"]
     assert main([*train, *common, "--out", "run"]) == 0
-    start = ["train", "--init-from", "run", "--fingering", "robot"]
-    assert main([*start, *common, "--out", "other"]) == 0
+    start = ["train", "--init-from", "run", *common]
+    assert main([*start, "--fingering", "robot", "--out", "other"]) == 0
+    assert main([*start, "--pieces", "scale-[CD]Major", "--n-envs", "2", "--out", "pieces"]) == 0
+    assert main([*start, "--midi", "FurElise", "--out", "piece"]) == 0
+    assert main([*start, "--with-buffer", "--out", "on"]) == 0
+    assert Checkpoint.read(tmp_path / "on" / "checkpoint").replay.total == 3 + 3
     for run, fingering in (("run", "ergonomic"), ("other", "robot")):
         config = yaml.safe_load((tmp_path / run / "config.yml").read_text())
         assert config["env_kwargs"] == {"score": "score.mid", "fingering": fingering}

@@ -58,7 +58,7 @@ def test_losses_are_shown_as_shares_of_what_the_file_counts(piano_run, call, tmp
 
 
 def test_musical_numbers_join_the_table_and_the_file(piano_run, call, tmp_path):
-    piano_run(LOUD)
+    piano_run(LOUD, physics="fast")
     code, out, err = call("evaluate run --musical")
     assert (code, err) == (0, "")
     mean = metrics_of("run", tmp_path)["mean"]
@@ -71,7 +71,7 @@ def test_musical_numbers_join_the_table_and_the_file(piano_run, call, tmp_path):
 
 
 def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call, tmp_path):
-    piano_run(LOUD)
+    piano_run(LOUD, physics="fast")
     code, out, err = call("evaluate run")
     assert (code, err) == (0, "")
     assert out.startswith("duet: 1 episode, model after 1 steps of training\n")

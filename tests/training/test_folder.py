@@ -138,22 +138,19 @@ def test_a_folder_that_is_taken_or_cannot_be_written_is_refused(small_config, tm
         RunFolder.create(small_config(), tmp_path / "file")
 
 
-@pytest.mark.parametrize(
-    ("content", "error", "message"),
-    [
-        (None, RunError, "is no run, it has no config.yml"),
-        ("", ConfigError, r"config\.yml' holds NoneType"),
-        ("algo: td3\n", ConfigError, r"config\.yml': env_id is missing"),
-        ("algo: [", ConfigError, r"config\.yml' is not valid YAML"),
-    ],
-)
-def test_what_is_no_run_or_a_damaged_one_is_named(tmp_path, content, error, message):
+def test_what_is_no_run_or_a_damaged_one_is_named(tmp_path):
     with pytest.raises(RunError, match=r"There is no folder '.*none': expected a folder that 'sb3"):
         RunFolder.open(tmp_path / "none")
-    if content is not None:
+    with pytest.raises(RunError, match="is no run, it has no config.yml"):
+        RunFolder.open(tmp_path)
+    for content, message in (
+        ("", "' holds NoneType"),
+        ("algo: td3\n", "': env_id is missing"),
+        ("algo: [", "' is not valid YAML"),
+    ):
         (tmp_path / "config.yml").write_text(content)
-    with pytest.raises(error, match=message):
-        RunFolder.open(tmp_path).read_config()
+        with pytest.raises(ConfigError, match=rf"config\.yml{message}"):
+            RunFolder.open(tmp_path).read_config()
 
 
 pytestmark = pytest.mark.slow

@@ -44,6 +44,12 @@ def test_an_episode_ends_when_a_wrapper_of_the_run_ends_it(piano_run):
         next(endless)
         player.wrapped.step(STILL)  # leave one under way
         assert [recording.metrics["length"] for recording in player.play(2)] == [3, 3]
+    # Without a file, the score names the piece.
+    folder.provenance_file.unlink()
+    named = {"score": "CMajorScaleOneHand"}
+    folder.write_config(dataclasses.replace(folder.read_config(), env_kwargs=named))
+    with OpenPlayer.open(folder.path) as player:
+        assert player.piece == "CMajorScaleOneHand"
 
 
 def test_each_playing_starts_from_its_seed(pendulum_run):
@@ -54,15 +60,6 @@ def test_each_playing_starts_from_its_seed(pendulum_run):
         assert other[0] not in returns
         endless = player.episodes(seed=5)
         assert [next(endless).metrics["return"] for _ in range(3)] == returns
-
-
-def test_a_run_without_a_file_names_its_piece_by_the_score(piano_run, small_config):
-    folder = piano_run(STILL)
-    config = folder.read_config()
-    folder.provenance_file.unlink()
-    folder.write_config(dataclasses.replace(config, env_kwargs={"score": "CMajorScaleOneHand"}))
-    with OpenPlayer.open(folder.path) as player:
-        assert player.piece == "CMajorScaleOneHand"
 
 
 def test_a_window_keeps_its_keys_for_another_piece(piano_run):

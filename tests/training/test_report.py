@@ -99,6 +99,7 @@ def test_a_long_log_is_read_whole_and_a_torn_one_as_far_as_it_goes(tmp_path):
     assert 5_000 < len(torn.steps) < 7_000
 
 
+@pytest.mark.slow
 def test_what_cannot_be_shown_is_refused(pendulum_run, piano_run, tmp_path):
     with pytest.raises(RunError, match="its environment 'Pendulum-v1' is no piano"):
         write_report(pendulum_run("other").path)

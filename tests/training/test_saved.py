@@ -48,7 +48,7 @@ def played(folder, seed=3):
 def test_a_shared_run_plays_the_same_to_the_last_bit_without_unpickling(
     pendulum_run, tmp_path, algo, unpickled
 ):
-    run = pendulum_run(algo=algo, n_timesteps=40, n_envs=2, normalize=True)
+    run = pendulum_run(algo=algo, n_timesteps=24, n_envs=2, normalize=True)
     unpickled.clear()
     expected = played(run.path)
     assert unpickled, "the hook notices what a run unpickles"
@@ -79,7 +79,9 @@ def test_a_shared_piano_is_evaluated_reported_and_played(piano_run, tmp_path, un
     assert unpickled == [], "a pickle beside the weights is left alone"
 
 
-def test_a_shared_run_cannot_be_trained_on_and_has_one_model(pendulum_run, tmp_path):
+def test_a_shared_run_cannot_be_trained_on_and_has_one_model_of_its_settings(
+    pendulum_run, tmp_path
+):
     shared = write_player(pendulum_run().path, tmp_path / "shared")
     with pytest.raises(RunError, match="exported to be played, without what training needs"):
         resume(shared.path)
@@ -87,6 +89,15 @@ def test_a_shared_run_cannot_be_trained_on_and_has_one_model(pendulum_run, tmp_p
         evaluate(shared.path, best="f1")
     with pytest.raises(RunError, match="holds a run already"):
         write_player(shared.path, shared.path)
+    config = shared.read_config()
+    for change, message in (  # or of another model
+        ({"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, "do not fit .*size mismatch"),
+        ({"algo": "sac"}, "its algo is 'td3', not 'sac'"),
+        ({"normalize": True}, "it has no statistics, not normalization.returns.mean"),
+    ):
+        shared.write_config(type(config)(**{**config.to_mapping(), **change}))
+        with pytest.raises(RunError, match=message):
+            evaluate(shared.path)
 
 
 @pytest.mark.slow
@@ -106,20 +117,6 @@ def test_damaged_weights_are_refused_or_harmless(pendulum_run, tmp_path):
             assert "policy.safetensors' cannot be loaded" in line
             assert "\n" not in line
     assert refused >= len(cut) + len(changed)
-
-
-def test_weights_of_another_model_are_refused(pendulum_run, small_config, tmp_path):
-    shared = write_player(pendulum_run().path, tmp_path / "shared")
-    config = shared.read_config()
-    for change, message in (
-        ({"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, "do not fit .*size mismatch"),
-        ({"algo": "sac"}, "its algo is 'td3', not 'sac'"),
-        ({"normalize": True}, "it has no statistics, not normalization.returns.mean"),
-    ):
-        settings = {**config.to_mapping(), **change}
-        shared.write_config(type(config)(**settings))
-        with pytest.raises(RunError, match=message):
-            evaluate(shared.path)
 
 
 def test_an_interruption_leaves_no_folder_and_one_that_cannot_be_written_is_told(

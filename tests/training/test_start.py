@@ -9,7 +9,6 @@ from yaml_rows import Tables
 
 from sb3_piano import exceptions
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import RunConfig, RunFolder, load_fine_tuning, load_start, resume, train
 
@@ -23,9 +22,9 @@ def config(small_config):
     """Return a function that makes settings of something tiny on Pendulum, episodes of 20 steps."""
 
     def make(algo="sac", **changes):
-        options = {"n_steps": 40, "batch_size": 8} if algo == "ppo" else {"learning_starts": 10}
+        options = {"n_steps": 20, "batch_size": 8} if algo == "ppo" else {"learning_starts": 10}
         options |= changes.pop("algorithm_kwargs", {})
-        settings = {"algo": algo, "n_timesteps": 80, "algorithm_kwargs": options}
+        settings = {"algo": algo, "n_timesteps": 40, "algorithm_kwargs": options}
         return small_config(**{**settings, **changes})
 
     return make
@@ -163,7 +162,7 @@ def test_an_entropy_coefficient_that_is_fixed_is_the_new_runs(config, source, be
     assert model.ent_coef_tensor.item() == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(("with_buffer", "rows"), [(False, 0), (True, 80)])
+@pytest.mark.parametrize(("with_buffer", "rows"), [(False, 0), (True, 40)])
 def test_the_buffer_is_new_or_kept(config, source, begin, with_buffer, rows):
     own = config(callback=start(source(), with_buffer=with_buffer), n_timesteps=40, seed=5)
     watched = begin(own)
@@ -196,7 +195,7 @@ def test_a_training_that_is_resumed_keeps_its_own_networks_and_is_not_seeded_aga
 def test_statistics_of_observations_come_along(config, source, begin, tmp_path):
     begun = start(source(normalize=True))
     watched = begin(config(normalize=True, callback=begun, n_timesteps=10))
-    assert watched.count > 80
+    assert watched.count > 40
     with pytest.raises(ConfigError, match="normalises observations and rewards, unlike this"):
         train(config(callback=begun), tmp_path / "other", progress_bar=False)
 
@@ -301,18 +300,3 @@ def test_the_module_of_an_environment_comes_along(config, tmp_path, monkeypatch)
         assert (found.env_module, found.env_id) == ("swings", "Swing-v0")
     corrected = load_fine_tuning("sac", player=run.path)
     assert (corrected.env_module, corrected.env_id) == ("swings", "Swing-v0")
-
-
-@pytest.mark.slow
-def test_the_command_starts_from_a_run_on_another_piece(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    small = "{policy_kwargs: {net_arch: [8]}, batch_size: 8, buffer_size: 200, learning_starts: 9,"
-    small += " policy: MlpPolicy, n_timesteps: 20, env_kwargs: {physics: fast}}"
-    (tmp_path / "small.yml").write_text(f"default: {small}")
-    base = ["train", "--algo", "sac", "--config", "small.yml", "--no-progress", "--out", "first"]
-    assert main([*base, "--env", "RoboPianist-scale-CMajor-v0"]) == 0
-    following = ["train", "--init-from", "first", "--no-progress", "--out"]
-    assert main([*following, "second", "--pieces", "scale-[CD]Major", "--n-envs", "2"]) == 0
-    assert main([*following, "third", "--midi", "FurElise"]) == 0
-    assert main([*following, "fourth", "--with-buffer", "--steps", "30"]) == 0
-    assert Checkpoint.read(tmp_path / "fourth/checkpoint").replay.total == 50

@@ -195,7 +195,7 @@ def write_much(folder: StudyFolder, barrier, name: str) -> None:
     barrier.wait(30)
     with opened_store(None, folder) as store:
         study = optuna.load_study(study_name="twinkle", storage=store)
-        for number in range(50):
+        for number in range(30):
             study.set_user_attr(f"{name}-{number}", "x" * 5000)
     storage._JournalLock(folder).acquire()  # as if it were just writing
     os.kill(os.getpid(), signal.SIGKILL)
@@ -209,7 +209,7 @@ def test_many_processes_write_into_a_journal_and_may_be_killed(opened, folder):
         process.start()
     for process in processes:
         process.join()
-    assert len(opened().user_attrs) == 1 + 3 * 50
+    assert len(opened().user_attrs) == 1 + 3 * 30
 
 
 @pytest.mark.parametrize("line", ["nonsense", "[1]", '{"op_code": 99}', '{"op_code": 0}'])

@@ -94,7 +94,7 @@ def finished(tmp_path_factory):
     return folder, out.read_text()
 
 
-def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypatch):
+def test_two_workers_find_the_best_settings_and_tell_where_everything_is(finished, monkeypatch):
     folder, out = finished
     monkeypatch.chdir(folder)
     assert "studies/study, 3 trials, highest final f1 " in out
@@ -114,10 +114,8 @@ def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypat
         float(max(rows, key=lambda row: float(row["value"]))["gamma"])
         == (best.algorithm_kwargs["gamma"])
     )
-
-
-def test_two_workers_run_every_trial_once_the_first_with_the_presets_settings(finished):
-    folder = StudyFolder(finished[0] / "studies/study")
+    # Two workers have run every trial once, the first with the preset's settings.
+    folder = StudyFolder(Path("studies/study"))
     trials, _ = trials_of(folder=folder)
     assert [trial.state for trial in trials] == 3 * [TrialState.COMPLETE]
     assert trials[0].params == {"1 - gamma": 0.2, "tau": 0.005}
@@ -128,7 +126,7 @@ def test_two_workers_run_every_trial_once_the_first_with_the_presets_settings(fi
         run = RunFolder.open(folder.trial_dir(trial.number) / "seed_1")
         assert run.read_config().algorithm_kwargs["tau"] == trial.params["tau"]
     assert sorted(path.name for path in (folder.path / "trials").iterdir()) == list("012")
-    assert (finished[0] / "threads").read_text() == "1"  # as the workers share the cores
+    assert Path("threads").read_text() == "1"  # as the workers share the cores
     backend = optuna.storages.journal.JournalFileBackend(str(folder.journal_file))
     store = optuna.storages.JournalStorage(backend)  # Optuna by itself
     assert optuna.load_study(study_name="study", storage=store).best_value > 0

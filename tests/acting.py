@@ -3,6 +3,7 @@
 import os
 import signal
 
+import gymnasium as gym
 import numpy as np
 import torch
 from stable_baselines3 import TD3
@@ -36,6 +37,25 @@ class ActAt(BaseCallback):
         return True
 
 
+class AtStep(gym.Wrapper):
+    """Send a signal or fail at one of an environment's steps; named in configs by its import path.
+
+    Steps are counted from 1 over all episodes.
+    """
+
+    def __init__(self, env, step, action="SIGINT"):
+        super().__init__(env)
+        self._left, self._action = step, action
+
+    def step(self, action):
+        self._left -= 1
+        if self._left == 0 and self._action == "fail":
+            raise ZeroDivisionError("of a wrapper")
+        if self._left == 0:
+            os.kill(os.getpid(), getattr(signal, self._action))
+        return self.env.step(action)
+
+
 class Noted(BaseCallback):
     """Note what a function of the callback finds in each step, unless that is ``None``."""
 
@@ -56,6 +76,19 @@ def act_at(step, action):
 def parameters(folder, algorithm=TD3):
     model = algorithm.load(folder.model_file)
     return torch.cat([p.detach().flatten() for p in model.policy.parameters()])
+
+
+def states_of(model):
+    """Return all parameters and optimizers' states of a model by name."""
+    found = {}
+    for name, states in model.get_parameters().items():
+        for key, value in states.items():
+            if key == "state":
+                value = {f"{i}.{n}": t for i, s in value.items() for n, t in s.items()}
+                found |= {f"{name}.{n}": tensor.clone() for n, tensor in value.items()}
+            elif isinstance(value, torch.Tensor):
+                found[f"{name}.{key}"] = value.clone()
+    return found
 
 
 def scalars(folder, name):

@@ -182,9 +182,6 @@ def test_transitions_of_other_environments_than_its_own_are_refused(kind):
     with pytest.raises(ConfigError, match="are of 16 numbers in an observation, those .* of 15"):
         buffer.add(*Play(wider).step())
     assert buffer.size() == 0
-
-
-def test_mappings_of_other_environments_are_refused():
     buffer = CompactDictReplayBuffer(8, spaces.Dict({"seen": SPACE}), ACTIONS, n_envs=2)
     shown, following, *rest = Play().step()
     with pytest.raises(ConfigError, match="of 1 environments, those of the CompactDict.* of 2"):

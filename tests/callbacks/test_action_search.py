@@ -189,7 +189,7 @@ def test_a_high_temperature_draws_all_and_a_low_one_the_best():
         assert len(np.unique(explored(model, 40), axis=0)) == 40
 
     def spread(model, found):
-        found.append(explored(model, 60).std(axis=0).mean())
+        found.append(explored(model, 40).std(axis=0).mean())
 
     looked_at(ActionSearchCallback(temperature=1e9), look_at_all)
     spreads = []
@@ -207,7 +207,7 @@ def test_a_high_temperature_draws_all_and_a_low_one_the_best():
 def test_trainings_explore_by_it_and_are_as_before_afterwards(algorithm, score):
     def trained(callback, seed=0):
         model = learner(DummyVecEnv([piano, piano]), algorithm)
-        return model.learn(60, callback=callback)
+        return model.learn(40, callback=callback)
 
     search = [ActionSearchCallback(candidates=4, score=score) for _ in range(2)]
     models = [trained(callback) for callback in search]
@@ -230,7 +230,7 @@ def test_trainings_explore_by_it_and_are_as_before_afterwards(algorithm, score):
         (lambda: tiny_ppo(piano(), 8), "PPO has no critics and no distribution"),
         (lambda: learner(use_sde=True), "use_sde is True"),
         (lambda: learner(as_dict(piano())), r"search by Dict.*: expected a space of plain arrays"),
-        (lambda: learner(SubprocVecEnv([piano], start_method="spawn")), "in other processes"),
+        (lambda: learner(SubprocVecEnv([piano], start_method="fork")), "in other processes"),
     ],
 )
 def test_what_cannot_be_searched_is_refused(model, message):

@@ -33,7 +33,7 @@ class _Recorder(BaseCallback):
 @pytest.mark.parametrize("decay", [0.0, 0.5, 0.99])
 def test_the_policy_ends_with_the_moving_average_of_what_it_was(decay):
     recorder = _Recorder()
-    model = tiny_ppo("Pendulum-v1", 16, n_epochs=10, seed=0)
+    model = tiny_ppo("Pendulum-v1", 16, n_epochs=2, seed=0)
     model.learn(64, callback=[recorder, AveragedWeightsCallback(decay)])
     assert len(recorder.seen) == 5
     average = np.zeros_like(recorder.seen[0])
@@ -52,7 +52,7 @@ def test_the_policy_ends_with_the_moving_average_of_what_it_was(decay):
 )
 def test_an_interrupted_training_keeps_its_last_weights(step, signaled, averaged):
     recorder = _Recorder()
-    model = tiny_ppo("Pendulum-v1", 16, n_epochs=10, seed=0)
+    model = tiny_ppo("Pendulum-v1", 16, n_epochs=2, seed=0)
     stops = [ActAt(step, signal) for signal in (["SIGINT"] if signaled else []) + ["stop"]]
     with stop_on_signal():
         model.learn(64, callback=[recorder, AveragedWeightsCallback(), *stops])

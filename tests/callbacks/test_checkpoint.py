@@ -73,21 +73,13 @@ def test_the_end_of_training_is_saved_with_its_labels_and_only_once(tmp_path):
     written = (tmp_path / "checkpoint.json").stat().st_mtime_ns
     saver.save()
     assert (tmp_path / "checkpoint.json").stat().st_mtime_ns == written
-
-
-def test_only_the_files_of_the_last_checkpoint_remain(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / "model-7.zip.partial").write_text("left over")
+    # Of files that are in the way, only those of former checkpoints go.
+    for name in ("notes.txt", "model-7.zip.partial"):
+        (tmp_path / name).touch()
     make_model().learn(100, callback=ResumableCheckpoint(tmp_path, 20))
-    # the buffer holds 60 rows: those of the last three checkpoints
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "checkpoint.json",
-        "model-100.zip",
-        "replay-40-60.npz",
-        "replay-60-80.npz",
-        "replay-80-100.npz",
-        "notes.txt",
-    }
+    segments = {f"replay-{end - 20}-{end}.npz" for end in (60, 80, 100)}  # the buffer holds 60 rows
+    expected = {"checkpoint.json", "model-100.zip", "notes.txt", *segments}
+    assert {path.name for path in tmp_path.iterdir()} == expected
 
 
 def test_statistics_of_vec_normalize_and_a_copy_of_the_model_are_kept(tmp_path):
@@ -102,7 +94,7 @@ def test_statistics_of_vec_normalize_and_a_copy_of_the_model_are_kept(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kill_at", range(1, 11))
+@pytest.mark.parametrize("kill_at", range(1, 8))
 def test_a_process_killed_at_any_file_leaves_a_checkpoint_that_can_be_restored(
     tmp_path, monkeypatch, kill_at
 ):
@@ -291,21 +283,13 @@ def test_ending_the_last_episode_keeps_its_transition_and_bounds_n_step_returns(
     assert samples.dones.flatten().tolist() == [0.0, 0.0, 1.0]
 
 
-@pytest.mark.parametrize(("n_envs", "capacity"), [(2, CAPACITY), (1, CAPACITY + 1)])
-def test_a_buffer_of_another_size_is_refused_and_both_sizes_are_told(tmp_path, n_envs, capacity):
-    saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
-    text = rf"has 10 rows of 1 environment\(s\), the model's has {capacity} of {n_envs}"
-    with pytest.raises(RunError, match=text):
-        restore_replay_buffer(make_buffer(n_envs=n_envs, capacity=capacity), tmp_path, saved)
-
-
 def _zeros_inside(content):
     """Overwrite the beginning of the first array's compressed data."""
     start = content.index(b".npy") + 4
     return content[: start + 20] + bytes(30) + content[start + 50 :]
 
 
-def test_a_missing_or_damaged_segment_is_named(tmp_path):
+def test_a_missing_damaged_or_other_segment_is_named(tmp_path):
     saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
     path = tmp_path / "replay-0-4.npz"
     content = path.read_bytes()
@@ -315,3 +299,7 @@ def test_a_missing_or_damaged_segment_is_named(tmp_path):
             path.write_bytes(left)
         with pytest.raises(RunError, match=r"Replay segment '.*replay-0-4\.npz' cannot be read"):
             restore_replay_buffer(make_buffer(), tmp_path, saved)
+    for n_envs, rows in ((2, CAPACITY), (1, CAPACITY + 1)):  # into a buffer of another size
+        text = rf"has 10 rows of 1 environment\(s\), the model's has {rows} of {n_envs}"
+        with pytest.raises(RunError, match=text):
+            restore_replay_buffer(make_buffer(n_envs=n_envs, capacity=rows), tmp_path, saved)

@@ -163,13 +163,6 @@ def best_of(folder):
     return json.loads((folder / "best_model.json").read_text())
 
 
-def test_the_best_model_is_that_of_the_highest_metric(model, tmp_path):
-    model.learn(25, evaluating(0.2, 0.6, 0.4, math.nan, 0.6, best_model_save_path=str(tmp_path)))
-    assert best_of(tmp_path) == {"metric": "f1", "value": 0.6, "num_timesteps": 10}
-    assert TD3.load(tmp_path / "best_model.zip").num_timesteps == 10
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["best_model.json", "best_model.zip"]
-
-
 class Loudness(MetricEvalCallback):
     metric = "loudness"
 
@@ -203,9 +196,14 @@ def test_what_a_model_played_before_it_learnt_may_be_the_best_and_end_the_traini
         assert model.num_timesteps == steps
 
 
-def test_a_training_that_goes_on_keeps_the_best_model_of_before(model, tmp_path):
+def test_the_best_model_is_that_of_the_highest_metric_also_in_a_training_that_goes_on(
+    model, tmp_path
+):
     path = str(tmp_path)
-    model.learn(10, evaluating(0.2, 0.6, best_model_save_path=path))
+    model.learn(25, evaluating(0.2, 0.6, 0.4, math.nan, 0.6, best_model_save_path=path))
+    assert best_of(tmp_path) == {"metric": "f1", "value": 0.6, "num_timesteps": 10}
+    assert TD3.load(tmp_path / "best_model.zip").num_timesteps == 10
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["best_model.json", "best_model.zip"]
     for found, best in ((0.5, 0.6), (0.7, 0.7)):
         callback = evaluating(found, best_model_save_path=path)
         model.learn(5, callback, reset_num_timesteps=False)
@@ -285,13 +283,6 @@ def test_a_given_environment_is_left_open_and_its_own_is_closed(model):
     assert not training.closed
 
 
-def test_an_environment_of_gymnasiums_is_refused_before_a_step():
-    model = tiny("Pendulum-v1")
-    with pytest.raises(ConfigError, match="cannot evaluate Pendulum-v1.*no 'f1': expected a piano"):
-        model.learn(300, F1Callback(eval_freq=5))
-    assert model.num_timesteps == 0
-
-
 def test_an_environment_without_the_metric_is_named(model):
     env = Monitor(ScriptedEnv([{"f2": 0.1}]))
     with pytest.raises(ConfigError, match="info of 'ScriptedEnv' lacks.*mean 'f2'.*Expected a pi"):
@@ -299,3 +290,7 @@ def test_an_environment_without_the_metric_is_named(model):
     env = TimeLimit(Monitor(with_f1(0.1)), 3)  # whose end the Monitor does not see
     with pytest.raises(ConfigError, match="'ScriptedEnv' was ended by a wrapper around"):
         model.learn(5, F1Callback(env, eval_freq=5))
+    model = tiny("Pendulum-v1")  # of gymnasium, before a step
+    with pytest.raises(ConfigError, match="cannot evaluate Pendulum-v1.*no 'f1': expected a piano"):
+        model.learn(300, F1Callback(eval_freq=5))
+    assert model.num_timesteps == 0

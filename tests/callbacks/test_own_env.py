@@ -72,8 +72,7 @@ def ppo():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make_model", [td3, td3_in_threads, ppo])
-@pytest.mark.parametrize("deterministic", [True, False])
-@pytest.mark.parametrize("seed", [0, None])
+@pytest.mark.parametrize(("deterministic", "seed"), [(True, 0), (False, None)])
 def test_training_gives_the_same_model_with_and_without_evaluation(make_model, deterministic, seed):
     expected, next_draw = learned(make_model, None)
     callback = F1Callback(eval_freq=7, deterministic=deterministic, n_eval_episodes=2, seed=seed)
@@ -144,20 +143,6 @@ def test_other_wrappers_of_the_vector_are_copied_for_one_environment():
         own_env(VecFrameStack(vector_of(NoisyEnv, n_envs=2), n_stack=3))
 
 
-@pytest.mark.slow
-def test_processes_have_no_environment_to_copy():
-    training = vector_of(
-        NoisyEnv, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "spawn"}
-    )
-    try:
-        with pytest.raises(
-            ConfigError, match="in a SubprocVecEnv.*eval_env=.*by 'sb3-piano train'"
-        ):
-            own_env(training)
-    finally:
-        training.close()
-
-
 def test_an_environment_that_cannot_be_copied_is_named(tmp_path):
     class WithFile(NoisyEnv):
         def __init__(self):
@@ -166,10 +151,14 @@ def test_an_environment_that_cannot_be_copied_is_named(tmp_path):
         def close(self):
             self.file.close()
 
-    training = vector_of(WithFile)
-    with pytest.raises(ConfigError, match="training's WithFile cannot be copied .*eval_env="):
-        own_env(training)
-    training.close()
+    elsewhere = {"vec_env_cls": SubprocVecEnv, "vec_env_kwargs": {"start_method": "fork"}}
+    for training, message in (
+        (vector_of(WithFile), "training's WithFile cannot be copied .*eval_env="),
+        (vector_of(NoisyEnv, **elsewhere), "in a SubprocVecEnv.*eval_env=.*by 'sb3-piano train'"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            own_env(training)
+        training.close()
 
 
 RUN = RunContext(folder=Path("runs/1"), make_env=lambda innermost: pytest.fail("not needed yet"))
@@ -195,12 +184,10 @@ def test_every_callback_that_asks_is_told():
     ]
     set_run_context(RUN, callbacks)
     assert [callback.run for callback in asking] == [RUN] * 5
-
-
-def test_the_best_model_goes_into_the_runs_folder_unless_told_otherwise():
-    callbacks = [F1Callback(), OnsetF1Callback(), F1Callback(best_model_save_path="mine")]
-    set_run_context(RUN, callbacks)
-    paths = [callback.best_model_save_path for callback in callbacks]
+    # The best model goes into the run's folder unless another one is given.
+    judges = [callbacks[-1], OnsetF1Callback(), F1Callback(best_model_save_path="mine")]
+    set_run_context(RUN, judges)
+    paths = [judge.best_model_save_path for judge in judges]
     assert paths == [str(Path("runs/1/best_f1")), str(Path("runs/1/best_onset_f1")), "mine"]
 
 

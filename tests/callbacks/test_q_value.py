@@ -17,8 +17,8 @@ def last_logged():
     return Noted(lambda own: own.logger.name_to_value.get("train/q_value"))
 
 
-def trained(algorithm, callbacks, steps=90, env="Pendulum-v1", **settings):
-    settings = {"learning_starts": 40, "batch_size": 32, "seed": 3, **settings}
+def trained(algorithm, callbacks, steps=45, env="Pendulum-v1", **settings):
+    settings = {"learning_starts": 20, "batch_size": 32, "seed": 3, **settings}
     model = tiny(env, algorithm, buffer_size=10**4, **settings)
     return model.learn(steps, callback=callbacks, log_interval=10**6)
 
@@ -27,8 +27,8 @@ def trained(algorithm, callbacks, steps=90, env="Pendulum-v1", **settings):
 @pytest.mark.parametrize("algorithm", [SAC, TD3, TQC, CrossQ])
 def test_the_value_is_logged_and_the_training_is_the_same(algorithm):
     noted = last_logged()
-    model = trained(algorithm, [QValueCallback(every=20), noted])
-    assert len(set(noted.seen)) == 2  # after 60 and 80 steps; after 20 and 40 nothing is learnt
+    model = trained(algorithm, [QValueCallback(every=10), noted])
+    assert len(set(noted.seen)) == 2  # after 30 and 40 steps; after 10 and 20 nothing is learnt
     assert np.isfinite(noted.seen).all()
     plain = trained(algorithm, None)
     torch.testing.assert_close(weights_of(model), weights_of(plain), rtol=0, atol=0)
@@ -36,7 +36,7 @@ def test_the_value_is_logged_and_the_training_is_the_same(algorithm):
 
 def test_a_model_that_is_loaded_goes_on_as_without_it(tmp_path):
     venv = make_vec_env("Pendulum-v1", n_envs=2, seed=0)
-    model = trained(SAC, None, 100, venv, replay_buffer_class=CyclingReplayBuffer)
+    model = trained(SAC, None, 60, venv, replay_buffer_class=CyclingReplayBuffer)
     model.save(tmp_path / "model")
 
     def weights(callbacks):
@@ -53,7 +53,7 @@ def test_a_model_that_is_loaded_goes_on_as_without_it(tmp_path):
 
 def test_the_value_is_that_of_the_smaller_critic_at_the_actions_taken():
     noted = last_logged()
-    model = trained(SAC, [QValueCallback(every=1), noted], steps=70)
+    model = trained(SAC, [QValueCallback(every=1), noted], steps=25)
     for critic, value in zip(model.critic.q_networks, (5.0, -7.0), strict=True):
         torch.nn.init.zeros_(critic[-1].weight)
         torch.nn.init.constant_(critic[-1].bias, value)

@@ -56,5 +56,5 @@ def test_five_performances_teach_a_scale(performances):
     network = {"net_arch": [256, 256]}
     model = TD3("MlpPolicy", venv, policy_kwargs=network, buffer_size=9, seed=0, device="cpu")
     assert play(model, venv) < 0.3
-    clone_behaviour(model, "test/scale-v0", epochs=40, batch_size=32, learning_rate=2e-3)
+    clone_behaviour(model, "test/scale-v0", epochs=25, batch_size=32, learning_rate=2e-3)
     assert play(model, venv) > 0.8

@@ -56,8 +56,9 @@ def parameters(module):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", [SAC, TD3, DDPG, TQC])
-@pytest.mark.parametrize("normalize", [False, True])
+@pytest.mark.parametrize(
+    ("algorithm", "normalize"), [(SAC, False), (TD3, True), (DDPG, False), (TQC, True)]
+)
 def test_a_clone_plays_what_was_right_not_what_was_played(disturbed, algorithm, normalize):
     model = new_model(algorithm, normalize)
     critic = parameters(model.critic)

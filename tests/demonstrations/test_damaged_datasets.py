@@ -19,7 +19,7 @@ def test_a_file_that_is_cut_off_or_changed_is_named(pendulum_data, datasets, tmp
     pendulum_data()
     file = datasets / NAME / "data" / "main_data.hdf5"
     content = file.read_bytes()
-    cut, changed = variants_of(content, 60, change=lambda part: bytes(64))
+    cut, changed = variants_of(content, 30, change=lambda part: bytes(64))
     refused = 0
     for variant in [*cut, *changed]:
         file.write_bytes(variant)
@@ -28,7 +28,7 @@ def test_a_file_that_is_cut_off_or_changed_is_named(pendulum_data, datasets, tmp
             refused += 1
             assert f"Data set '{NAME}' in '{datasets / NAME}' cannot be read" in line
             assert "\n" not in line
-    assert refused >= 60
+    assert refused >= 30
     file.write_bytes(content[: len(content) // 2])
     with pytest.raises(ConfigError, match="cannot be read .* expected what Minari wrote"):
         clone(NAME, folder=tmp_path / "run", **QUICK)
@@ -39,12 +39,12 @@ def test_damaged_metadata_is_named(pendulum_data, datasets, tmp_path):
     pendulum_data()
     file = datasets / NAME / "data" / "metadata.json"
     content = file.read_bytes()
-    for end in np.linspace(0, len(content) - 1, 20).astype(int):
+    for end in np.linspace(0, len(content) - 1, 8).astype(int):
         file.write_bytes(content[:end])
         with pytest.raises(ConfigError, match=f"Data set '{NAME}' in .* cannot be read"):
             clone(NAME, folder=tmp_path / "run", **QUICK)
     found = json.loads(content)
-    for key in sorted(found):
+    for key in sorted(found)[::2]:
         file.write_text(json.dumps({**found, key: "\x00"}))
         line = told(ConfigError, lambda: clone(NAME, folder=tmp_path / key, **QUICK))  # noqa: B023
         assert line is None or f"Data set '{NAME}'" in line
@@ -70,6 +70,12 @@ def in_itself(file):
     file["episode_0/infos/a"] = file["episode_0/infos/b"] = file["episode_0/infos"]
 
 
+def texts(file):
+    shape = file["episode_0/actions"].shape
+    del file["episode_0/actions"]
+    file["episode_0/actions"] = np.full(shape, b"x")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
@@ -79,6 +85,7 @@ def in_itself(file):
         (of_size("rewards", shape=(9,), external=[("/dev/zero", 0, 72)]), "stands elsewhere"),
         (linked, "stands elsewhere"),
         (in_itself, "more than its size"),
+        (texts, "actions of episode 0 are no numbers"),
     ],
 )
 def test_what_a_file_only_claims_is_refused_before_it_is_read(
@@ -88,16 +95,5 @@ def test_what_a_file_only_claims_is_refused_before_it_is_read(
     with h5py.File(datasets / NAME / "data" / "main_data.hdf5", "r+") as file:
         file.require_group("episode_0/infos")
         change(file)
-    with pytest.raises(ConfigError, match=f"cannot be read .*{said}"):
-        Transitions.of(NAME)
-
-
-@pytest.mark.parametrize("name", ["rewards", "actions"])
-def test_texts_in_place_of_numbers_are_refused(pendulum_data, datasets, name):
-    pendulum_data()
-    with h5py.File(datasets / NAME / "data" / "main_data.hdf5", "r+") as file:
-        shape = file[f"episode_0/{name}"].shape
-        del file[f"episode_0/{name}"]
-        file[f"episode_0/{name}"] = np.full(shape, b"x")
-    with pytest.raises(ConfigError, match=f"{name} of episode 0 are no numbers"):
+    with pytest.raises(ConfigError, match=said):
         Transitions.of(NAME)

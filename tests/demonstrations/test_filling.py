@@ -1,5 +1,7 @@
 """Data sets in replay buffers: what stands there is what the algorithm would have stored."""
 
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from yaml_rows import Tables
 
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import DemonstrationsCallback
-from sb3_piano.demonstrations import fill_replay_buffer, open_dataset
+from sb3_piano.demonstrations import fill_replay_buffer, open_dataset, record
 from sb3_piano.exceptions import ConfigError
 
 NAME = "test/pendulum-v0"
@@ -103,13 +105,8 @@ def test_a_buffer_without_time_limits_is_told_no_end_that_was_none(pendulum_data
 
 
 def test_a_data_set_of_other_kinds_of_space_is_refused():
-    from sb3_piano.demonstrations import record
-
-    class Right:
-        def predict(self, observation, state=None, episode_start=None, deterministic=False):
-            return 1, state
-
-    dataset = record(Right(), gym.make("CartPole-v1"), "test/cart-v0").dataset
+    right = SimpleNamespace(predict=lambda observation, state, *_, **options: (1, state))
+    dataset = record(right, gym.make("CartPole-v1"), "test/cart-v0").dataset
     assert list(dataset[0].actions) == [1] * len(dataset[0])
     buffer = ReplayBuffer(500, dataset.observation_space, dataset.action_space, "cpu")
     with pytest.raises(ConfigError, match=r"Discrete\(2\): expected a Box"):

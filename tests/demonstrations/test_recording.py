@@ -9,7 +9,7 @@ import gymnasium as gym
 import minari
 import numpy as np
 import pytest
-from linear_players import Ending, Linear, pendulum
+from linear_players import Linear, pendulum
 from minari.namespace import list_local_namespaces
 from yaml_rows import Tables
 
@@ -131,12 +131,6 @@ def test_the_data_set_says_where_it_is_from_and_noises_take_turns(piano):
         open_dataset("other-v0")
 
 
-def test_an_episode_that_ends_by_itself_is_not_truncated():
-    [episode] = recorded(Ending(pendulum(), 7)).dataset
-    assert list(episode.terminations) == [False] * 6 + [True]
-    assert not episode.truncations.any()
-
-
 def test_a_score_without_a_name_cannot_be_made_again(piece):
     env = gym.make("RoboPianist-v0", score=load_score(piece), physics="fast")
     with pytest.warns(UserWarning, match="Score is not JSON serializable"):
@@ -146,6 +140,9 @@ def test_a_score_without_a_name_cannot_be_made_again(piece):
 
 
 def test_a_name_that_is_taken_is_refused_unless_it_may_be_overwritten(datasets):
+    with pytest.raises(RunError, match=f"'{NAME}' is being recorded by .*: expected a new name"):
+        recorded(on_episode=lambda notes: recorded())
+    assert list(datasets.iterdir()) == []
     recorded(episodes=2)
     with pytest.raises(ConfigError, match=f"'{NAME}' already, in .*: expected a new name"):
         recorded()
@@ -153,13 +150,6 @@ def test_a_name_that_is_taken_is_refused_unless_it_may_be_overwritten(datasets):
     recorded(episodes=3, overwrite=True)
     assert len(minari.load_dataset(NAME)) == 3
     assert [path.name for path in datasets.iterdir()] == ["robopianist"]
-
-
-def test_a_name_that_is_being_recorded_is_refused(datasets):
-    with pytest.raises(RunError, match=f"'{NAME}' is being recorded by .*: expected a new name"):
-        recorded(on_episode=lambda notes: recorded())
-    assert list(datasets.iterdir()) == []
-    recorded()
 
 
 class Breaking(Linear):

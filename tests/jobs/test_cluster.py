@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from waiting import wait_for
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.jobs import cluster, map_jobs, open_executor
@@ -69,10 +70,7 @@ def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
     file = tmp_path / "begun"
     with open_executor(ray=address) as executor:
         executor.submit(_sleep, file)
-        deadline = time.monotonic() + 200
-        while not file.exists():
-            assert time.monotonic() < deadline, "the job never began"
-            time.sleep(0.1)
+        wait_for(file.exists)
     assert file.read_text(encoding="utf-8") == "told"
 
 

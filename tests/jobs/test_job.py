@@ -13,20 +13,11 @@ from pathlib import Path
 import counting
 import pytest
 from counting import STEPS, die, jobs_in, log, refuse
+from waiting import PATIENCE, wait_for
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.jobs import Here, Job, finish, map_jobs, open_executor, status
-
-DEADLINE = 120  # s; starting a process takes long where others are at work
-
-
-def wait_for(condition, process=None):
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert process is None or process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "it took too long"
-        time.sleep(0.01)
 
 
 def is_alive(pid):
@@ -46,19 +37,12 @@ def descendants(pid):
 
 @pytest.fixture
 def program(tmp_path):
-    """Start the program that counts, in a group of its own as from a terminal."""
-    started = []
-
-    def start():
-        command = [sys.executable, counting.__file__, str(tmp_path)]
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        started.append(subprocess.Popen(command, start_new_session=True, **pipes))
-        return started[-1]
-
-    yield start
-    for process in started:
+    """The program that counts, in a group of its own as from a terminal."""
+    command = [sys.executable, counting.__file__, str(tmp_path)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, start_new_session=True, **pipes) as process:
+        yield process
         process.kill()
-        process.communicate()
 
 
 def assert_done(folder):
@@ -71,7 +55,6 @@ def assert_done(folder):
 @pytest.mark.parametrize(
     ("moment", "whom", "number", "status_then"),
     [
-        ("starts", "parent", signal.SIGKILL, -signal.SIGKILL),
         ("starts", "group", signal.SIGTERM, 130),
         ("counts", "parent", signal.SIGKILL, -signal.SIGKILL),
         ("counts", "parent", signal.SIGTERM, 130),
@@ -82,17 +65,16 @@ def assert_done(folder):
 def test_whatever_ends_a_program_the_same_one_does_the_rest(
     program, tmp_path, moment, whom, number, status_then
 ):
-    process = program()
     if moment == "starts":  # processes, which import nothing yet
-        wait_for(lambda: len(descendants(process.pid)) == 2, process)
+        wait_for(lambda: len(descendants(program.pid)) == 2, program.poll)
     else:
-        wait_for((tmp_path / "a" / "saved").exists, process)
-        wait_for((tmp_path / "b" / "saved").exists, process)
-    started = descendants(process.pid)
-    victim = {"parent": process.pid, "group": -process.pid}.get(whom) or log(tmp_path)[0][2]
+        wait_for((tmp_path / "a" / "saved").exists, program.poll)
+        wait_for((tmp_path / "b" / "saved").exists, program.poll)
+    started = descendants(program.pid)
+    victim = {"parent": program.pid, "group": -program.pid}.get(whom) or log(tmp_path)[0][2]
     os.kill(victim, number)
-    out, err = process.communicate(timeout=DEADLINE)
-    assert process.returncode == status_then, err
+    out, err = program.communicate(timeout=PATIENCE)
+    assert program.returncode == status_then, err
     assert "Traceback" not in err
     wait_for(lambda: not any(map(is_alive, started)))
     kept = {job.name for job in jobs_in(tmp_path) if job.result() is not None}
@@ -101,9 +83,7 @@ def test_whatever_ends_a_program_the_same_one_does_the_rest(
         (lost,) = (line.split()[0] for line in out.splitlines() if " failed A worker " in line)
         assert kept == {"a": {"b"}, "b": {"a", "c", "d"}}[lost]
         assert "was ended by SIGKILL. What is whole is kept; go on" in out
-    again = program()
-    out, err = again.communicate(timeout=DEADLINE)
-    assert (again.returncode, out.split()[1::2]) == (0, ["finished"] * 4), err
+    assert [one.state for one in finish(jobs_in(tmp_path), workers=2)] == ["finished"] * 4
     assert_done(tmp_path)
     resumed = log(tmp_path)[before:]
     assert {name for name, _, _ in resumed} == {*"abcd"} - kept
@@ -141,7 +121,7 @@ def test_workers_that_still_import_end_with_a_parent_that_is_killed(tmp_path, wo
     slow = SLOW.replace("{mark!r}", repr(f"{tmp_path}/pid-"))
     program.write_text(slow.replace("WORK", work))
     process = subprocess.Popen([sys.executable, program])
-    wait_for(lambda: list(tmp_path.glob("pid-*")), process)
+    wait_for(lambda: list(tmp_path.glob("pid-*")), process.poll)
     process.kill()
     process.wait()
     killed = time.monotonic()
@@ -190,21 +170,22 @@ def test_a_process_that_dies_takes_only_its_own_job_with_it(tmp_path):
     assert_done(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("changed", "difference"),
-    [({"steps": 61}, "steps 60, not 61"), ({"of": {"name": "x"}}, "of.name a, not x")],
-)
-def test_other_settings_than_those_of_before_are_refused_and_the_first_is_named(
-    tmp_path, changed, difference
-):
+def test_other_settings_than_those_of_before_are_refused_and_the_first_is_named(tmp_path):
     (job, *_) = jobs_in(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         finish([replace(job, work=interrupt)], Here())
-    other = replace(job, settings={**job.settings, **changed})
-    with pytest.raises(RunError, match=f"The job 'a' in '.*' has {difference}: expected the same"):
-        finish([other], Here())
+    for changed, told in (
+        ({"steps": 61}, "steps 60, not 61"),
+        ({"of": {"name": "x"}}, "of.name a, not x"),
+    ):
+        other = replace(job, settings={**job.settings, **changed})
+        with pytest.raises(RunError, match=f"The job 'a' in '.*' has {told}: expected the same"):
+            finish([other], Here())
     assert not log(tmp_path)
     assert finish([job], Here())[0].result == {"steps": STEPS}
+    (job.folder / "result.json").write_text("{")
+    with pytest.raises(RunError, match=r"result.json' cannot be read .*: delete it, and"):
+        finish([job], Here())
 
 
 def interrupt(job):
@@ -221,22 +202,12 @@ def test_a_folder_with_anything_else_is_refused_and_left_alone(tmp_path):
     assert [path.name for path in job.folder.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.parametrize(
-    ("changed", "told"), [({"needs": ("b",)}, "needs 'b'"), ({"name": "b"}, "has the name of")]
-)
-def test_needs_are_jobs_before_and_names_differ(tmp_path, changed, told):
+def test_needs_are_jobs_before_and_names_differ(tmp_path):
     a, b, *_ = jobs_in(tmp_path)
-    with pytest.raises(ConfigError, match=f"Job '[ab]' {told}.*: expected names that differ"):
-        finish([replace(a, **changed), b], Here())
+    for changed, told in (({"needs": ("b",)}, "needs 'b'"), ({"name": "b"}, "has the name of")):
+        with pytest.raises(ConfigError, match=f"Job '[ab]' {told}.*: expected names that differ"):
+            finish([replace(a, **changed), b], Here())
     assert not log(tmp_path)
-
-
-def test_a_damaged_result_is_named(tmp_path):
-    (job, *_) = jobs_in(tmp_path)
-    finish([job], Here())
-    (job.folder / "result.json").write_text("{")
-    with pytest.raises(RunError, match=r"result.json' cannot be read .*: delete it, and"):
-        finish([job], Here())
 
 
 @pytest.mark.slow

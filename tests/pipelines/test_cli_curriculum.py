@@ -7,6 +7,7 @@ from acting import act_at
 from tiny_curriculum import PENDULUM, write_curriculum
 from yaml_rows import Tables
 
+from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.training import RunFolder
 
@@ -58,20 +59,26 @@ def test_stages_are_trained_shown_and_evaluated(folder, capsys):
 
 @pytest.mark.slow
 def test_an_interruption_says_how_to_go_on(capsys):
-    write({**PENDULUM, "callback": act_at(30, "SIGINT")}, PENDULUM)
-    command = ["curriculum", "tiny.yml", "--out", "my runs", "--no-progress"]
-    assert main([*command, "--checkpoint-every", "25"]) == 130
+    write(PENDULUM, {**PENDULUM, "callback": act_at(30, "SIGINT"), "with_buffer": True}, PENDULUM)
+    command = ["curriculum", "tiny.yml", "--out", "my runs", "--no-progress", "--seed", "1"]
+    assert main([*command, "--checkpoint-every", "1000"]) == 130
     out = capsys.readouterr().out
     assert "Go on:    sb3-piano curriculum --resume 'my runs'" in out
     assert "Evaluate" not in out
     assert main(["curriculum", "--resume", "my runs", "--status"]) == 0
     rows = [line.replace("│", " ").split() for line in capsys.readouterr().out.splitlines()]
-    assert ["1_Pendulum-v1", "-", "30", "-", "-"] in rows
-    assert ["2_Pendulum-v1", "-", "-", "-", "-"] in rows
+    assert ["1_Pendulum-v1", "budget", "60", "-", "-"] in rows
+    assert ["2_Pendulum-v1", "-", "30", "-", "-"] in rows
+    assert ["3_Pendulum-v1", "-", "-", "-", "-"] in rows
+    first, second, third = (Path("my runs", f"{number}_Pendulum-v1") for number in (1, 2, 3))
+    before = {file: file.read_bytes() for file in first.rglob("*") if file.is_file()}
     assert main(["curriculum", "--resume", "my runs", "--no-progress"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("[1/2] 1_Pendulum-v1\n[2/2] 2_Pendulum-v1\n")
-    assert "sb3-piano evaluate 'my runs/2_Pendulum-v1'" in out
+    assert out.startswith("[2/3] 2_Pendulum-v1\n[3/3] 3_Pendulum-v1\n")
+    assert "sb3-piano evaluate 'my runs/3_Pendulum-v1'" in out
+    assert {file: file.read_bytes() for file in first.rglob("*") if file.is_file()} == before
+    assert Checkpoint.read(second / "checkpoint").replay.total == 60 + 60
+    assert RunFolder(third).read_config().seed == 1
 
 
 @tables("command, message")

@@ -5,11 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
-import numpy as np
 import pytest
 import torch
 import yaml
-from acting import act_at
+from acting import act_at, states_of
+from scripted import with_f1
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from tiny_curriculum import NO_PIANO, PENDULUM, SMALL
@@ -24,8 +24,6 @@ from sb3_piano.pipelines.curriculum import curriculum_jobs
 from sb3_piano.training import RunFolder, resume, train
 
 tables = Tables(__file__)
-
-DEADLINE = 180  # s; starting a process takes long where others are at work
 
 
 class SavesBeginning(BaseCallback):
@@ -45,23 +43,7 @@ SAVES_BEGINNING = [f"{__name__}.SavesBeginning"]
 STOPPED = {**PENDULUM, "callback": act_at(10, "SIGINT")}
 
 
-class OnlyF1(gym.Env):
-    """An environment of five steps that tells F1 and nothing else at its end."""
-
-    observation_space = gym.spaces.Box(-1, 1, (2,), np.float32)
-    action_space = gym.spaces.Box(-1, 1, (1,), np.float32)
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.left = 5
-        return np.zeros(2, np.float32), {}
-
-    def step(self, action):
-        self.left -= 1
-        return np.zeros(2, np.float32), 0.0, False, self.left == 0, {"f1": 0.5}
-
-
-gym.register("OnlyF1-v0", OnlyF1)
+gym.register("OnlyF1-v0", lambda: with_f1(0.5))
 
 
 @pytest.fixture
@@ -108,20 +90,8 @@ def evaluated(runs):
     return [[*run.job.evaluations()] for run in runs]
 
 
-def flat(file):
-    """Return the networks and the optimizers' states of a saved model by name."""
-    found = {}
-    for name, states in SAC.load(file, device="cpu").get_parameters().items():
-        for key, value in states.items():
-            if isinstance(value, torch.Tensor):
-                found[f"{name}.{key}"] = value
-            elif key == "state":
-                found |= {f"{name}.{i}.{n}": t for i, s in value.items() for n, t in s.items()}
-    return found
-
-
 def assert_equal_models(one, other):
-    ours, theirs = flat(one), flat(other)
+    ours, theirs = (states_of(SAC.load(file, device="cpu")) for file in (one, other))
     assert ours.keys() == theirs.keys()
     assert [name for name in ours if not torch.equal(ours[name], theirs[name])] == []
 
@@ -220,21 +190,32 @@ def test_a_metric_that_the_environment_does_not_tell_is_named(write, run):
         run(file)
 
 
-def test_another_callback_may_end_a_stage(write, run):
-    result = run(write({**PENDULUM, "callback": act_at(30, "stop")}, PENDULUM))
-    assert [end[1:] for end in ends(result)] == [(30, "callback"), (60, "budget")]
+def test_another_callback_may_end_a_stage_and_ctrl_c_in_its_last_step_begins_no_other(write, run):
+    stopped, last = ({**PENDULUM, "callback": act_at(*at)} for at in ((30, "stop"), (60, "SIGINT")))
+    result = run(write(stopped, last, PENDULUM))
+    assert [end[1:] for end in ends(result)] == [(30, "callback"), (60, "budget"), (0, None)]
+    assert result[-1].result is None
+    assert not folders(result)[2].path.exists()
 
 
 @pytest.mark.slow
-def test_the_first_stage_may_start_from_a_run(write, run, tmp_path):
-    alone = load_curriculum(write(PENDULUM))
-    source = train(
-        alone.stages[0].run_config(alone.algo), tmp_path / "source", progress_bar=False
-    ).folder
-    file = write({**PENDULUM, "callback": SAVES_BEGINNING}, init_from="source", with_buffer=True)
-    (begun,) = folders(run(file))
-    assert_equal_models(begun.path / "beginning.zip", source.model_file)
-    assert Checkpoint.read(begun.checkpoint_dir).replay.total == 60 + 60
+def test_the_first_stage_may_start_from_a_run(write, tmp_path, monkeypatch):
+    """Also one in the working folder, in a curriculum that was not read from a file."""
+    monkeypatch.chdir(tmp_path)
+    entry = {name: value for name, value in SMALL.items() if name != "algo"}
+    Path("own.yml").write_text(yaml.safe_dump({"default": {**entry, "policy": "MlpPolicy"}}))
+    (alone,) = load_curriculum(write({**PENDULUM, "config": "own.yml"})).stages
+    source = train(alone.run_config("sac"), "source", progress_bar=False).folder
+    stage = {**PENDULUM, "config": "own.yml", "callback": SAVES_BEGINNING}
+    mapping = {"algo": "sac", "init_from": "source", "with_buffer": True, "stages": [stage]}
+    begun = []
+    for _ in range(2):
+        curriculum, on_stage = Curriculum.from_mapping(mapping), begun.append
+        result = run_curriculum(curriculum, "out", progress_bar=False, on_stage=on_stage)
+    assert len(begun) == 1
+    (folder,) = folders(result)
+    assert_equal_models(folder.path / "beginning.zip", source.model_file)
+    assert Checkpoint.read(folder.checkpoint_dir).replay.total == 60 + 60
 
 
 def test_stages_take_several_pieces(write_piano, run):
@@ -245,49 +226,6 @@ def test_stages_take_several_pieces(write_piano, run):
 
 
 # Going on.
-
-
-@pytest.mark.slow
-def test_ctrl_c_stops_and_the_same_call_goes_on(write, run):
-    file = write(
-        PENDULUM, {**PENDULUM, "callback": act_at(30, "SIGINT"), "with_buffer": True}, PENDULUM
-    )
-    result = run(file, checkpoint_every=1000)
-    assert result[-1].result is None
-    assert [end[1:] for end in ends(result)] == [(60, "budget"), (30, None), (0, None)]
-    before = content(folders(result)[0].path)
-    result = run(file, seed=None)
-    assert result[-1].result is not None
-    assert [end[1:] for end in ends(result)] == [(60, "budget")] * 3
-    assert content(folders(result)[0].path) == before
-    assert Checkpoint.read(folders(result)[1].checkpoint_dir).replay.total == 120
-    assert load_curriculum(result[0].job.folder.parent).seed == 1
-
-
-@pytest.mark.slow
-def test_paths_that_begin_at_the_working_folder_are_no_obstacle(write, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    alone = load_curriculum(write(PENDULUM))
-    source = train(alone.stages[0].run_config(alone.algo), "source", progress_bar=False)
-    entry = {**SMALL, "policy": "MlpPolicy"}
-    Path("own.yml").write_text(
-        yaml.safe_dump({"default": {n: entry[n] for n in entry.keys() - {"algo"}}})
-    )
-    stages = [{**PENDULUM, "config": "own.yml"}]
-    mapping = {"algo": "sac", "init_from": "source", "stages": stages}
-    curriculum = Curriculum.from_mapping(mapping)
-    begun = []
-    for _ in range(2):
-        run_curriculum(curriculum, "out", progress_bar=False, on_stage=begun.append)
-    assert len(begun) == 1
-    assert source.folder.path == Path("source")
-
-
-def test_ctrl_c_in_the_last_step_of_a_stage_begins_no_other(write, run):
-    result = run(write({**PENDULUM, "callback": act_at(60, "SIGINT")}, PENDULUM))
-    assert [end[1:] for end in ends(result)] == [(60, "budget"), (0, None)]
-    assert result[-1].result is None
-    assert not folders(result)[1].path.exists()
 
 
 @pytest.mark.slow
@@ -353,50 +291,24 @@ def test_a_stage_that_starts_over_has_no_evaluations(write_piano, run, tmp_path)
 
 
 @pytest.mark.slow
-@tables("stages, options, message")
-def test_what_has_begun_keeps_its_settings(begun, write, stages, options, message):
-    again, _ = begun
-    seed = options.get("seed")
-    pairs = zip((PENDULUM, STOPPED), stages, strict=False)
-    file = write(*({**stage, **changed} for stage, changed in pairs), **options)
-    before = content(file.parent / "out")
-    with pytest.raises(RunError, match=message):
-        again(file, seed=seed)
-    assert content(file.parent / "out") == before
-
-
-@pytest.fixture
-def begun(write, run):
-    """A curriculum of three stages that was interrupted in its second one."""
-    file = write(PENDULUM, STOPPED, PENDULUM)
-    result = run(file)
+def test_what_has_begun_keeps_its_settings_and_what_has_not_may_change(write, run, tmp_path):
+    result = run(write(PENDULUM, STOPPED, PENDULUM))
     assert [end[1:] for end in ends(result)] == [(60, "budget"), (10, None), (0, None)]
-    return run, result
-
-
-@pytest.mark.slow
-def test_stages_that_have_not_begun_may_change(begun, write):
-    again, _ = begun
+    before = content(tmp_path / "out")
+    for stages, options, message in tables["what_has_begun"]:
+        pairs = zip((PENDULUM, STOPPED), stages, strict=False)
+        file = write(*({**stage, **changed} for stage, changed in pairs), **options)
+        with pytest.raises(RunError, match=message):
+            run(file, seed=options.get("seed"))
+    with pytest.raises(ConfigError, match="^Stage 3: Its normalize is True"):
+        run(write(PENDULUM, STOPPED, {**PENDULUM, "normalize": True}))
+    assert content(tmp_path / "out") == before
     file = write(PENDULUM, STOPPED, {**PENDULUM, "gamma": 0.5}, {**PENDULUM, "name": "last"})
-    result = again(file, seed=None)
+    result = run(file, seed=None)
     assert [end[1:] for end in ends(result)] == [(60, "budget")] * 4
     assert folders(result)[2].read_config().algorithm_kwargs["gamma"] == 0.5
     assert folders(result)[3].path.name == "4_last"
-    assert load_curriculum(result[0].job.folder.parent) == Curriculum(
-        **{**vars_of(load_curriculum(file)), "seed": 1}
-    )
-
-
-def vars_of(curriculum):
-    return {name: getattr(curriculum, name) for name in ("algo", "stages", "name", "init_from")}
-
-
-def test_stages_that_are_changed_have_to_fit_what_has_begun(begun, write):
-    again, result = begun
-    file = write(PENDULUM, STOPPED, {**PENDULUM, "normalize": True})
-    with pytest.raises(ConfigError, match="^Stage 3: Its normalize is True"):
-        again(file)
-    assert load_curriculum(result[0].job.folder.parent).stages[2].settings.get("normalize") is None
+    assert load_curriculum(tmp_path / "out") == replace(load_curriculum(file), seed=1)
 
 
 def test_one_process_at_a_time_trains_in_a_folder(write, run, tmp_path):

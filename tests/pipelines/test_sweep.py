@@ -4,18 +4,15 @@ import contextlib
 import csv
 import dataclasses
 import json
-import os
 import re
 import shutil
-import signal
 import statistics
 from pathlib import Path
 
-import gymnasium as gym
 import pytest
 import torch
 import yaml
-from stable_baselines3 import TD3
+from acting import parameters
 from yaml_rows import Tables
 
 from sb3_piano.cli import main
@@ -23,7 +20,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.jobs import Here, Job, status
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.pipelines import SweepConfig, TrainingJob, load_sweep, sweep
-from sb3_piano.training import resume
+from sb3_piano.training import RunFolder, evaluate, resume
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 tables = Tables(__file__)
@@ -43,26 +40,19 @@ SHORT = {
 }
 
 
-def weights(folder):
-    return TD3.load(Path(folder) / "model.zip", device="cpu").policy.state_dict()
-
-
-def assert_same_weights(folder, other):
-    found, expected = weights(folder), weights(other)
-    assert found.keys() == expected.keys()
-    assert all(torch.equal(found[name], expected[name]) for name in found)
-
-
 def runs_of(config):
     return {job.name: job.config for job in config.jobs(Path("sweep"))}
+
+
+DISCOUNT = {"gamma": 0.5, "n_timesteps": 7, "env_kwargs": {"physics": "fast"}}
 
 
 def test_cells_are_all_combinations():
     config = SweepConfig(
         algos=("td3", "sac"),
         pieces=("scale-CMajor", "hanon-01"),
-        variants={"plain": {}, "discount": {"gamma": 0.5, "n_timesteps": 7}},
-        settings={"n_timesteps": 9},
+        variants={"plain": {}, "discount": DISCOUNT},
+        settings={"n_timesteps": 9, "env_kwargs": "dict(physics='reference', score='a', tempo=80)"},
         seeds=(0, 3),
     )
     runs = runs_of(config)
@@ -70,16 +60,9 @@ def test_cells_are_all_combinations():
     run = runs["sac_hanon-01_discount/seed_3"]
     assert (run.algo, run.seed, run.n_timesteps) == ("sac", 3, 7)
     assert run.algorithm_kwargs["gamma"] == 0.5
-    assert run.env_kwargs["score"] == "hanon-01"
+    # Options of environments are added to each other.
+    assert run.env_kwargs == {"tempo": 80, "physics": "fast", "score": "hanon-01"}
     assert runs["td3_scale-CMajor_plain/seed_0"].n_timesteps == 9
-
-
-def test_options_of_environments_are_added_to_each_other():
-    common = {"env_kwargs": "dict(observation='fingers', physics='reference', score='a')"}
-    variants = {"fast": {"env_kwargs": {"physics": "fast"}}}
-    config = SweepConfig(pieces=("hanon-01",), settings=common, variants=variants)
-    (run,) = runs_of(config).values()
-    assert run.env_kwargs == {"observation": "fingers", "physics": "fast", "score": "hanon-01"}
 
 
 @pytest.mark.slow
@@ -149,7 +132,8 @@ def test_a_sweep_goes_on_where_its_runs_stopped_and_has_results(tmp_path):
     assert [run.state for run in result] == ["finished", "finished"]
 
     resume(tmp_path / "alone", 220, progress_bar=False, checkpoint_every=60)
-    assert_same_weights(first.job.folder, tmp_path / "alone")
+    alone = parameters(RunFolder(tmp_path / "alone"))
+    assert torch.equal(parameters(RunFolder(first.job.folder)), alone)
 
     with (place / "results.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -197,37 +181,17 @@ def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
     assert "An interval from so few values (2) is too narrow" in printed.out
 
 
-class Stopped(gym.Wrapper):
-    """Press Ctrl-C in the second episode that is judged; named in a config by its import path."""
-
-    episodes = 0
-
-    def reset(self, **kwargs):
-        self.episodes += 1
-        return self.env.reset(**kwargs)
-
-    def step(self, action):
-        # Resting hands and the first episode each end with a reset that begins the next one.
-        if self.episodes == 4 and Path("ctrl-c").exists():
-            Path("ctrl-c").unlink()
-            os.kill(os.getpid(), signal.SIGINT)
-        return self.env.step(action)
-
-
 @pytest.mark.slow
-def test_an_evaluation_that_is_interrupted_leaves_its_cell_unfinished(
-    tmp_path, monkeypatch, ctrl_c
-):
-    monkeypatch.chdir(tmp_path)
-    settings = {**SHORT["settings"], "env_wrapper": f"{__name__}.Stopped", "n_timesteps": 1}
-    config = SweepConfig(**{**SHORT, "settings": settings, "episodes": 3})
-    (job,) = config.jobs(tmp_path / "sweep")
-    Path("ctrl-c").touch()
-    with pytest.raises(KeyboardInterrupt):
-        job.do()
-    assert not Path("ctrl-c").exists()
-    file = Path(job.folder, "evaluation", "metrics.json")
-    assert len(json.loads(file.read_text())["episodes"]) == 1
+def test_an_evaluation_that_is_interrupted_leaves_its_cell_unfinished(tmp_path, monkeypatch):
+    def interrupted(*arguments):
+        return dataclasses.replace(evaluate(*arguments), interrupted=True)
+
+    settings = {**SHORT["settings"], "n_timesteps": 1}
+    (job,) = SweepConfig(**{**SHORT, "settings": settings}).jobs(tmp_path / "sweep")
+    with monkeypatch.context() as patch:
+        patch.setattr("sb3_piano.pipelines.training.evaluate", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            job.do()
     assert [run.state for run in status([job])] == ["1 of 1 steps"]
     assert set(job.do()["metrics"]) >= {"f1", "return"}
 
@@ -239,4 +203,4 @@ def test_cells_on_a_cluster_have_the_weights_of_local_ones(ray_cluster, tmp_path
     here = sweep(config, tmp_path / "local", executor=Here())
     for one, other in zip(there, here, strict=True):
         assert one.result == other.result
-        assert_same_weights(one.job.folder, other.job.folder)
+        assert torch.equal(*(parameters(RunFolder(job.folder)) for job in (one.job, other.job)))

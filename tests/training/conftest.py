@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -57,19 +58,33 @@ def run(small_config, tmp_path):
     return start
 
 
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory):
+    """Return a function that trains once with each config, and gives a copy of the run's folder."""
+    runs = {}
+
+    def make(config, place):
+        if repr(config) not in runs:
+            folder = tmp_path_factory.mktemp("trained") / "run"
+            runs[repr(config)] = train(config, folder, progress_bar=False).folder
+        return RunFolder(shutil.copytree(runs[repr(config)].path, place))
+
+    return make
+
+
 @pytest.fixture
-def piano_run(small_config, tmp_path, midi_file):
-    """Return a function that makes a run on the MIDI file whose model always does one action."""
+def piano_run(small_config, trained, tmp_path, duet):
+    """Return a function that makes a run on a MIDI file whose model always does one action."""
 
     def make(action, name="run", **env_kwargs):
         config = small_config(
             env_id="RoboPianist-v0",
-            env_kwargs={"score": str(midi_file), **env_kwargs},
+            env_kwargs={"score": str(duet), **env_kwargs},
             n_timesteps=1,
         )
         folder = RunFolder(tmp_path / name)
         if not folder.config_file.is_file():
-            train(config, folder.path, progress_bar=False)
+            trained(config, folder.path)
         model = TD3.load(folder.model_file)
         layer = model.actor.mu[-2]
         with torch.no_grad():
@@ -82,21 +97,13 @@ def piano_run(small_config, tmp_path, midi_file):
 
 
 @pytest.fixture
-def pendulum_run(small_config, tmp_path):
-    """Return a function that trains on Pendulum and returns the run's folder."""
+def pendulum_run(small_config, trained, tmp_path):
+    """Return a function that makes a run on Pendulum and returns its folder."""
 
-    def start(name="run", **changes):
-        changes = {"n_timesteps": 30, **changes}
-        return train(small_config(**changes), tmp_path / name, progress_bar=False).folder
+    def make(name="run", **changes):
+        return trained(small_config(**{"n_timesteps": 30, **changes}), tmp_path / name)
 
-    return start
-
-
-@pytest.fixture
-def ppo_config(small_config):
-    """A tiny PPO with rollouts of 20 steps."""
-    options = {"batch_size": 20, "n_epochs": 1}
-    return small_config(algo="ppo", n_timesteps=80, env_kwargs={}, algorithm_kwargs=options)
+    return make
 
 
 @pytest.fixture
@@ -135,8 +142,8 @@ def episodes_of() -> Callable[[Path], list[dict[str, float]]]:
     return read
 
 
-@pytest.fixture
-def midi_file(tmp_path) -> Path:
+@pytest.fixture(scope="session")
+def duet(tmp_path_factory) -> Path:
     """A MIDI file of two tracks, with overlapping notes and the pedal; 1.2 s long."""
     music = pretty_midi.PrettyMIDI()
     right, left = pretty_midi.Instrument(0, name="right"), pretty_midi.Instrument(0, name="left")
@@ -147,6 +154,12 @@ def midi_file(tmp_path) -> Path:
         pretty_midi.ControlChange(64, 0, 0.9),
     ]
     music.instruments = [right, left]
-    path = tmp_path / "duet.mid"
+    path = tmp_path_factory.mktemp("music") / "duet.mid"
     music.write(str(path))
     return path
+
+
+@pytest.fixture
+def midi_file(duet, tmp_path) -> Path:
+    """A copy of that file, which a test may move or delete."""
+    return Path(shutil.copy(duet, tmp_path))

@@ -1,10 +1,6 @@
 """Environments and models are built as the config says."""
 
-import os
-import signal
-
 import gymnasium as gym
-import numpy as np
 import pytest
 from stable_baselines3 import TD3
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
@@ -57,30 +53,6 @@ def test_wrappers_stand_in_the_order_of_the_config(build):
     assert names[:3] == ["TransformReward", "FlattenObservation", "EpisodeLog"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("vec_env", ["dummy", "threads"])  # processes do so in test_folder.py
-def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
-    build, tmp_path, vec_env, episodes_of
-):
-    venv = build(vec_env=vec_env, n_envs=2, env_kwargs={"max_episode_steps": 5})
-    venv.reset()
-
-    def play_an_episode():
-        return sum(venv.step(np.zeros((2, 1)))[1] for _ in range(5))
-
-    returns = [play_an_episode()]  # without a place, nothing is written
-    for append in (False, True):
-        for index in range(2):
-            path = str(tmp_path / str(index))
-            venv.env_method("write_episodes_to", path, append, indices=[index])
-        returns.append(play_an_episode())
-    venv.close()
-    episodes = episodes_of(tmp_path)
-    assert [episode["l"] for episode in episodes] == [5] * 4
-    expected = [returns[1][0], returns[2][0], returns[1][1], returns[2][1]]
-    assert [episode["r"] for episode in episodes] == pytest.approx(expected, abs=1e-4)
-
-
 @tables("changes, message")
 def test_an_environment_or_a_wrapper_that_refuses_its_arguments_is_named(build, changes, message):
     with pytest.raises(ConfigError, match=message):
@@ -127,12 +99,3 @@ def test_what_an_algorithm_or_a_callback_refuses_is_named(build, small_config):
     message = r"optimizer_kwargs.betas\[0\]: 'os.system' is no subclass of Module or O"
     with pytest.raises(ConfigError, match=message):
         algorithm_arguments(small_config(algorithm_kwargs=hidden))
-
-
-@pytest.mark.slow
-def test_a_process_of_subproc_that_was_killed_is_named(build):
-    venv = build(vec_env="subproc", n_envs=2)
-    assert venv.n_processes == 2
-    os.kill(venv._processes[1].pid, signal.SIGKILL)
-    with pytest.raises(RunError, match="Process 1 of the environments has ended"):
-        venv.reset()

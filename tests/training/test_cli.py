@@ -15,10 +15,10 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 import yaml
-from fresh_python import run_python
 from short_scores import save_tune
 
 import sb3_piano
+from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.cli.common import adder
 from sb3_piano.cli.main import COMMANDS, parser_of
@@ -68,27 +68,20 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     assert "has done 80 of 80 steps: nothing is left to do" in capsys.readouterr().out
 
 
-def test_fingers_are_found_for_a_file_without_labels_and_others_when_it_is_trained_on(tmp_path):
-    save_tune(tmp_path / "plain.mid")
+def test_a_training_starts_from_a_run_with_its_piece_or_others_and_with_other_fingers(tmp_path):
+    save_tune(tmp_path / "plain.mid")  # without labels
     common = ["--steps", "3", "--no-progress"]
     train = ["train", "--midi", "plain.mid", "--fingering", "ergonomic", "--config", "small.yml"]
     assert main([*train, *common, "--out", "run"]) == 0
-    start = ["train", "--init-from", "run", "--fingering", "robot"]
-    assert main([*start, *common, "--out", "other"]) == 0
+    start = ["train", "--init-from", "run", *common]
+    assert main([*start, "--fingering", "robot", "--out", "other"]) == 0
+    assert main([*start, "--pieces", "scale-[CD]Major", "--n-envs", "2", "--out", "pieces"]) == 0
+    assert main([*start, "--midi", "FurElise", "--out", "piece"]) == 0
+    assert main([*start, "--with-buffer", "--out", "on"]) == 0
+    assert Checkpoint.read(tmp_path / "on" / "checkpoint").replay.total == 3 + 3
     for run, fingering in (("run", "ergonomic"), ("other", "robot")):
         config = yaml.safe_load((tmp_path / run / "config.yml").read_text())
         assert config["env_kwargs"] == {"score": "score.mid", "fingering": fingering}
-
-
-def test_imported_benchmark_pieces_are_listed_among_the_environments(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
-    score = load_score("CMajorScaleOneHand")
-    for name in ("mine", "etude-12-PartitaNo26"):
-        Library().add(score, name, source="a test", fingering="ours")
-    assert main(["envs"]) == 0
-    *built_in, last = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in built_in] == [*ENV_IDS]
-    assert last.split(maxsplit=1) == ["RoboPianist-etude-12-PartitaNo26-v0", "an imported piece"]
 
 
 def test_options_reach_the_run(tmp_path, capsys):
@@ -105,7 +98,7 @@ def test_options_reach_the_run(tmp_path, capsys):
     assert sorted(path.name for path in segments) == ["replay-0-10.npz", "replay-10-20.npz"]
 
 
-def test_presets_and_environments_are_listed_with_what_they_are_for(capsys):
+def test_presets_and_environments_are_listed_with_what_they_are_for(tmp_path, monkeypatch, capsys):
     assert main(["presets"]) == 0
     files = [file for of_set in (PRESETS, *NAMED.values(), FINE_TUNING) for file in of_set.values()]
     lines = capsys.readouterr().out.splitlines()
@@ -116,16 +109,17 @@ def test_presets_and_environments_are_listed_with_what_they_are_for(capsys):
     assert [env_id for env_id, _ in listed] == list(ENV_IDS)
     assert all(env_id in gym.registry for env_id, _ in listed)
     assert dict(listed)["RoboPianist-scale-CMajor-v0"] == "a scale"
-
-
-def test_a_list_is_cut_to_what_has_a_text(capsys):
-    assert main(["envs", "SCALE-c"]) == 0
-    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert listed == [env_id for env_id in ENV_IDS if "scale-C" in env_id] != []
-    assert main(["presets", "fsat"]) == 2
-    assert "Nothing has 'fsat' in its name" in capsys.readouterr().err
-    assert main(["presets", "fsat", "--zoo", "sac"]) == 2
-    assert "Unknown preset 'fsat'. Did you mean 'fast'?" in capsys.readouterr().err
+    # Also imported pieces of the benchmark, and of all those that have a text in their name.
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
+    for name in ("mine", "etude-12-PartitaNo26"):
+        Library().add(load_score("scale-CMajor"), name, source="a test", fingering="ours")
+    for text, added in (("", ["RoboPianist-etude-12-PartitaNo26-v0"]), ("SCALE-c", [])):
+        assert main(["envs", *filter(None, [text])]) == 0
+        listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+        assert listed == [n for n in ENV_IDS if text.lower() in n.lower()] + added != []
+    for more, told in (([], "Nothing has 'fsat' in its name"), (["--zoo", "sac"], "mean 'fast'?")):
+        assert main(["presets", "fsat", *more]) == 2
+        assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -149,23 +143,6 @@ def test_help_names_every_physics_profile_and_the_version_is_told(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["--version"])
     assert capsys.readouterr().out == f"sb3-piano {sb3_piano.__version__}\n"
-
-
-AT_THE_END = """
-import atexit, gc, sys
-from sb3_piano.cli import main
-sys.argv = ["sb3-piano", "presets"]
-main({})
-atexit._run_exitfuncs()
-print(gc.get_freeze_count() > 0, file=sys.stderr)
-"""
-
-
-@pytest.mark.parametrize(("arguments", "frozen"), [("", "True\n"), ("['presets']", "False\n")])
-def test_a_command_that_is_all_of_a_program_leaves_its_memory_to_the_system(
-    tmp_path, arguments, frozen
-):
-    assert run_python(["-c", AT_THE_END.format(arguments)], tmp_path).stderr == frozen
 
 
 @pytest.mark.slow

@@ -2,10 +2,7 @@
 
 import dataclasses
 import json
-import os
-import signal
 
-import gymnasium as gym
 import pytest
 from acting import LOUD, STILL
 from printed import rows_of
@@ -14,22 +11,11 @@ from yaml_rows import Tables
 from sb3_piano.cli import main
 from sb3_piano.cli.evaluation_tables import _several_runs_table, rounded
 from sb3_piano.metrics.episode import FINGER_SHARES
+from sb3_piano.training import evaluate
 from sb3_piano.training.evaluation.evaluate import evaluate_runs
 from sb3_piano.training.evaluation.statistics import summarize
 
 tables = Tables(__file__)
-
-
-class Stopped(gym.Wrapper):
-    """Press Ctrl-C at the third step; named in a config by its import path."""
-
-    steps = 0
-
-    def step(self, action):
-        self.steps += 1
-        if self.steps == 3:
-            os.kill(os.getpid(), signal.SIGINT)
-        return self.env.step(action)
 
 
 @pytest.fixture(autouse=True)
@@ -72,7 +58,7 @@ def test_losses_are_shown_as_shares_of_what_the_file_counts(piano_run, call, tmp
 
 
 def test_musical_numbers_join_the_table_and_the_file(piano_run, call, tmp_path):
-    piano_run(LOUD)
+    piano_run(LOUD, physics="fast")
     code, out, err = call("evaluate run --musical")
     assert (code, err) == (0, "")
     mean = metrics_of("run", tmp_path)["mean"]
@@ -85,7 +71,7 @@ def test_musical_numbers_join_the_table_and_the_file(piano_run, call, tmp_path):
 
 
 def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call, tmp_path):
-    piano_run(LOUD)
+    piano_run(LOUD, physics="fast")
     code, out, err = call("evaluate run")
     assert (code, err) == (0, "")
     assert out.startswith("duet: 1 episode, model after 1 steps of training\n")
@@ -126,17 +112,13 @@ def test_several_episodes_have_mean_deviation_and_interval(pendulum_run, call, t
     assert "An interval from so few values (4) is too narrow" in out
     assert "episodes are the same" not in out
     assert found["episode_seeds"] == [4, 4, 1, 1]
-
-
-@pytest.mark.slow
-def test_a_repeated_episode_is_said_to_be_one(piano_run, call):
-    piano_run(STILL)
-    _, out, _ = call("evaluate run --seeds 0 1 2")
-    assert "Here all episodes are the same: nothing is random, so one would do" in out
-    assert "95 % interval" not in out
-    assert "± 0.000" in out
-    assert "no key was pressed in 3 of 3 episodes, so there is no MIDI file" in out
-    assert "are the same" not in call("evaluate run")[1]
+    pendulum_run("other", algo="sac")
+    _, out, _ = call("evaluate run other --seeds 0 1 2")
+    assert [row[0] for row in rows_of(out)[1:3]] == ["run", ""]  # the line under the mean
+    assert ".." in rows_of(out)[2][1]
+    assert len(rows_of(out)[0]) == 2  # of the main metrics, these have the return alone
+    assert "Means over all episodes of all seeds; below, where they vary, 95 % intervals" in out
+    assert "so few values (3)" in out
 
 
 @pytest.mark.slow
@@ -157,10 +139,18 @@ def test_several_runs_have_a_row_each_under_their_piece(piano_run, call, tmp_pat
 
 
 @pytest.mark.slow
-def test_baselines_that_differ_are_shown_for_each_run(piano_run, call):
+def test_equal_episodes_are_said_to_be_so_and_baselines_that_differ_shown_for_each_run(
+    piano_run, call
+):
     piano_run(STILL, "one")
     piano_run(STILL, "two", control_timestep=0.1)
+    _, out, _ = call("evaluate two --seeds 0 1 2")  # nothing of which is random
+    assert "Here all episodes are the same: nothing is random, so one would do" in out
+    assert "95 % interval" not in out
+    assert "± 0.000" in out
+    assert "no key was pressed in 3 of 3 episodes, so there is no MIDI file" in out
     _, out, _ = call("evaluate one two --metric length")
+    assert "are the same" not in out
     assert [row[:2] for row in rows_of(out)] == [
         ["duet", ""],
         ["one", "25"],
@@ -168,19 +158,6 @@ def test_baselines_that_differ_are_shown_for_each_run(piano_run, call):
         ["no-op baseline of one", "25"],
         ["no-op baseline of two", "13"],
     ]
-
-
-def test_intervals_and_repetitions_of_several_runs_are_explained(pendulum_run, call):
-    pendulum_run("one")
-    pendulum_run("two", algo="sac")
-    _, out, _ = call("evaluate one two --seeds 0 1 2")
-    assert rows_of(out)[1][0] == "one"
-    assert rows_of(out)[2][0] == ""  # the line under the mean
-    assert ".." in rows_of(out)[2][1]
-    assert len(rows_of(out)[0]) == 2  # of the main metrics, these have the return alone
-    assert "Means over all episodes of all seeds; below, where they vary, 95 % intervals" in out
-    assert "so few values (3)" in out
-    assert "are the same" not in out
 
 
 @pytest.mark.slow
@@ -199,30 +176,48 @@ def test_named_metrics_choose_rows_or_columns(piano_run, pendulum_run, call):
     assert pendulum[1][2] == "20"
 
 
-def test_a_run_that_fails_leaves_the_others_and_an_exit_code(pendulum_run, call, tmp_path):
-    pendulum_run("one")
-    code, out, err = call("evaluate nix one --json all.json")
+def wrap(folder, **options):
+    wrapper = {"acting.AtStep": options}
+    folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=wrapper))
+
+
+def test_a_run_that_fails_is_named_and_the_others_are_evaluated(
+    pendulum_run, call, tmp_path, caplog
+):
+    pendulum_run("good")
+    wrap(pendulum_run("broken", algo="sac"), step=3, action="fail")
+    pendulum_run("damaged", algo="ddpg").model_file.write_bytes(b"PK")
+    code, out, err = call("evaluate nix broken damaged good --json all.json")
     assert code == 2
-    assert err.startswith(
-        "sb3-piano: error: Run 'nix' was not evaluated: There is no player or folder"
-    )
-    assert err.count("\n") == 1
-    assert [row[0] for row in rows_of(out)] == ["Pendulum-v1", "one"]
+    missing, broken, damaged = err.splitlines()
+    told = "sb3-piano: error: Run '{}' was not evaluated: {}"
+    assert missing.startswith(told.format("nix", "There is no player or folder"))
+    assert broken == told.format("broken", "ZeroDivisionError('of a wrapper')")
+    assert "cannot be loaded" in damaged
+    # What nobody expected is logged with its traceback, the rest is not.
+    assert [record.exc_info[0] for record in caplog.records] == [ZeroDivisionError]
+    assert [row[0] for row in rows_of(out)] == ["Pendulum-v1", "good"]
     assert "Everything:  all.json\n" in out
     content = json.loads((tmp_path / "all.json").read_text())
-    assert (len(content["evaluations"]), len(content["failures"])) == (1, 1)
+    assert (len(content["evaluations"]), len(content["failures"])) == (1, 3)
+    assert not content["interrupted"]
 
 
-def test_ctrl_c_writes_what_is_there(pendulum_run, call, tmp_path, ctrl_c):
-    pendulum_run("one")
-    folder = pendulum_run("two")
-    config = folder.read_config()
-    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.Stopped"))
-    code, out, err = call("evaluate one two --csv all.csv")
+def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(
+    pendulum_run, call, tmp_path, ctrl_c
+):
+    runs = [pendulum_run(name) for name in ("one", "two", "three")]
+    alone = evaluate(runs[1].path, 2, [0, 1])
+    wrap(runs[1], step=61)  # in the fourth episode
+    code, out, err = call("evaluate one two three --episodes 2 --seeds 0 1 --csv all.csv")
     assert (code, err) == (130, "sb3-piano: interrupted.\n")
-    assert "Pendulum-v1: 1 episode" in out
     assert "Episodes:    all.csv\n" in out
-    assert len((tmp_path / "all.csv").read_text().splitlines()) == 2
+    assert len((tmp_path / "all.csv").read_text().splitlines()) == 1 + 4 + 3  # no third run
+    written = metrics_of("two", tmp_path)
+    assert written["interrupted"]
+    assert written["episode_seeds"] == [0, 0, 1]
+    assert written["episodes"] == list(alone.episodes[:3])
+    assert len(written["performances"]) == 3
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """``sb3-piano record`` and ``clone``: from a run to a data set, and from that to another run."""
 
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import minari
@@ -86,6 +87,10 @@ def test_a_run_is_recorded_in_its_own_environment(piano_run, capsys):
     assert clean.unwrapped.config.n_steps_lookahead == 2
     assert clean.unwrapped.default_score.title == "score"
     assert "PerturbedStart" in str(dataset.recover_environment())
+    assert main(["record", str(folder.path), "--no-progress"]) == 2
+    assert f"There is a data set '{name}' already" in capsys.readouterr().err
+    assert main(["record", str(folder.path), "--overwrite", "--episodes", "1"]) == 0
+    assert len(minari.load_dataset(name)) == 1
 
 
 @pytest.mark.slow
@@ -126,50 +131,34 @@ def test_what_a_run_cannot_be_told_is_refused(pendulum_run, capsys):
 
 
 @pytest.mark.slow
-def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
-    arguments = ["--episodes", "2", "--set", "physics=fast"]
-    assert main(["record", midi_file.name, *arguments, "--no-progress"]) == 0
-    out = capsys.readouterr().out
-    assert "Data set:    robopianist/duet/planned-v0" in out
-    assert "with noise of 0.03 rad (1)" in out  # unless told otherwise
-    dataset = minari.load_dataset("robopianist/duet/planned-v0")
-    clean, disturbed = dataset
-    np.testing.assert_array_equal(clean.actions, clean.infos["expert_action"][:-1])
-    noise = disturbed.actions - disturbed.infos["expert_action"][:-1]
-    assert 0 < np.abs(noise).mean() < 0.2
-    env = dataset.recover_environment().unwrapped
-    assert (env.config.observation, env.config.physics) == ("fingers", "fast")
-    assert env.default_score.title == "duet"
-
-
-@pytest.mark.slow
 @tables("how, by_thumb")
 def test_a_planned_pianist_is_recorded_with_the_fingers_that_are_observed(
-    tmp_path, how, by_thumb, monkeypatch
+    tmp_path, how, by_thumb, monkeypatch, capsys
 ):
     """On a black key the robot's own choice is no thumb."""
     for name, finger in (("thumb", 0), ("index", 1)):
         labelled = Score(notes=[Note(onset=0.0, offset=0.3, pitch=78, finger=finger)])
         write_midi(labelled, tmp_path / f"{name}.mid")
-    command = ["record", "thumb.mid", "--episodes", "1", "--noise", "0", "--no-progress", *how]
-    assert main(command) == 0
+    command = ["record", "thumb.mid", "--episodes", "2", "--set", "physics=fast", "--no-progress"]
+    assert main([*command, *how]) == 0
+    out = capsys.readouterr().out
+    assert "Data set:    robopianist/thumb/planned-v0" in out
+    assert "with noise of 0.03 rad (1)" in out  # unless told otherwise
     monkeypatch.chdir("/")  # a data set is used from anywhere
     dataset = minari.load_dataset("robopianist/thumb/planned-v0")
-    (recorded,) = dataset
+    recorded, disturbed = dataset
+    np.testing.assert_array_equal(recorded.actions, recorded.infos["expert_action"][:-1])
+    noise = disturbed.actions - disturbed.infos["expert_action"][:-1]
+    assert 0 < np.abs(noise).mean() < 0.2
     env = dataset.recover_environment()
+    config = env.unwrapped.config
+    assert (config.observation, config.physics) == ("fingers", "fast")
+    assert env.unwrapped.default_score.title == "thumb"
     observation, _ = env.reset(seed=0)
     assert (env.unwrapped.roll.finger[0, 78 - 21] == 0) == by_thumb
     np.testing.assert_array_equal(observation, recorded.observations[0])
     played = PlannedPianist(env).predict(observation)[0]
     np.testing.assert_allclose(recorded.actions[0], played, atol=1e-6)
-
-
-def test_a_taken_name_is_told_before_anything_is_played(recorded_pendulum, pendulum_run, capsys):
-    again = ["record", "run", "--no-progress"]
-    assert main(again) == 2
-    assert f"There is a data set '{PENDULUM}' already" in capsys.readouterr().err
-    assert main([*again, "--overwrite", "--episodes", "1"]) == 0
-    assert len(minari.load_dataset(PENDULUM)) == 1
 
 
 @pytest.mark.slow
@@ -254,21 +243,19 @@ def test_what_cannot_be_cloned_is_told(recorded_pendulum, small_yaml, midi_file,
         clone(PENDULUM, "sac", "here", config=small_yaml, **QUICK, on_epoch=told.append)
     assert told == []  # before any work
     assert evaluate("here").num_timesteps == 0
+
+    def stop(loss):
+        with pytest.raises(RunError, match="is no run, it has no config.yml"):
+            RunFolder.open("there")  # what a killed process would leave
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        clone(PENDULUM, "sac", "there", config=small_yaml, **QUICK, on_epoch=stop)
+    assert not Path("there").exists()
     env = PianoEnv(midi_file, physics="fast")
     record(Still(env), env, "still-v0")
     with pytest.raises(ConfigError, match="'still-v0' does not tell its environment"):
         clone("still-v0")
-
-
-def test_a_clone_that_is_broken_off_leaves_no_run(recorded_pendulum, small_yaml, tmp_path):
-    def stop(loss):
-        with pytest.raises(RunError, match="is no run, it has no config.yml"):
-            RunFolder.open("here")  # what a killed process would leave
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        clone(PENDULUM, "sac", "here", config=small_yaml, **QUICK, on_epoch=stop)
-    assert not (tmp_path / "here").exists()
 
 
 @tables("package, extra, command")

@@ -70,7 +70,7 @@ def test_timing_counts_where_a_note_was_hit(written):
         compare(written("c.json", {"Waltz": timed()}), b, metrics=["onset_error_mean_ms"])
 
 
-def test_pairs_may_be_the_seeds_of_a_piece(written):
+def test_pairs_may_be_the_seeds_of_a_piece_or_of_the_trainings(written, run_folder, tmp_path):
     a = written("a.json", {"Scale": [*episodes(0.1, 0.3, seed=1), *episodes(0.5, seed=2)]})
     b = written("b.json", {"Scale": [*episodes(0.6, seed=2), *episodes(0.4, seed=3)]})
     comparison = compare(a, b, by="seed")
@@ -78,9 +78,6 @@ def test_pairs_may_be_the_seeds_of_a_piece(written):
     assert (pair.piece, pair.seed, pair.a, pair.b) == ("Scale", 2, 0.5, 0.6)
     assert comparison.only_in_a == ("Scale, seed 1",)
     assert comparison.only_in_b == ("Scale, seed 3",)
-
-
-def test_pairs_may_be_the_seeds_of_the_trainings(run_folder, tmp_path):
     run_folder("a/1", "Scale", [0.1, 0.3], training_seed=1)
     run_folder("a/2", "Scale", [0.5], training_seed=2)
     run_folder("b/x", "Scale", [0.7], training_seed=2)
@@ -146,7 +143,7 @@ def test_the_json_and_the_csv_have_what_was_found(written, tmp_path):
     }  # fmt: skip
 
 
-def test_what_cannot_be_compared_is_refused(written, run_folder):
+def test_what_cannot_be_compared_is_refused(written, run_folder, tmp_path):
     a = written("a.json", {"Scale": episodes(0.1, onset_f1=0.2, sustain_f1=0.2)})
     with pytest.raises(ConfigError, match=r"'onsetf1'\. Did you mean 'onset_f1'.*one of f1, onset"):
         compare(a, a, ["onsetf1"])
@@ -157,10 +154,7 @@ def test_what_cannot_be_compared_is_refused(written, run_folder):
     old = run_folder("old", "Scale", [0.1])
     with pytest.raises(RunError, match="of Scale in '.*old' does not tell the training's seed"):
         compare(old, old, by="training-seed")
-
-
-def test_what_is_not_there_is_named(written, run_folder, tmp_path):
-    a = written("a.json", {"Scale": episodes(0.1)})
+    # What is not there is named.
     with pytest.raises(RunError, match=r"There is no '.*nix': expected a JSON file of 'sb3-piano"):
         compare(a, tmp_path / "nix")
     (tmp_path / "empty").mkdir()

@@ -4,6 +4,7 @@ import contextlib
 import json
 import pickle
 import resource
+import shutil
 import sys
 
 import pytest
@@ -14,7 +15,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.imports import import_name, known_packages_only
 from sb3_piano.lab.web import export_web
 from sb3_piano.take import Take
-from sb3_piano.training import evaluate, export_run, load_player
+from sb3_piano.training import RunFolder, evaluate, export_run, load_player
 
 tables = Tables(__file__)
 
@@ -26,10 +27,19 @@ class Evil:
         return (exec, ("open('marker', 'w').close()",))
 
 
+@pytest.fixture(scope="session")
+def exported_once(tmp_path_factory):
+    """A folder for an exported run."""
+    return tmp_path_factory.mktemp("exported") / "run"
+
+
 @pytest.fixture
-def exported(pendulum_run, tmp_path, monkeypatch):
+def exported(exported_once, pendulum_run, tmp_path, monkeypatch):
+    """A copy of an exported run, in the working directory."""
     monkeypatch.chdir(tmp_path)
-    return export_run(pendulum_run(normalize=True).path, "exported", episodes=2)
+    if not exported_once.exists():
+        export_run(pendulum_run(normalize=True).path, exported_once, episodes=2)
+    return RunFolder(shutil.copytree(exported_once, tmp_path / "exported"))
 
 
 def change(folder, **settings):
@@ -38,7 +48,7 @@ def change(folder, **settings):
 
 
 def test_the_card_has_the_figures_of_the_evaluation_in_the_format_of_the_hub(exported):
-    _, front, body = exported.card_file.read_text().split("---\n", 2)
+    _, front, body = (exported.path / "README.md").read_text().split("---\n", 2)
     facts = yaml.safe_load(front)
     assert facts["library_name"] == "stable-baselines3"
     (result,) = facts["model-index"][0]["results"]
@@ -50,15 +60,15 @@ def test_the_card_has_the_figures_of_the_evaluation_in_the_format_of_the_hub(exp
     assert f"| {found.mean['return']:.4f} | {low:.4f} to {high:.4f} |" in body
 
 
-@tables("settings")
-def test_settings_that_name_code_of_others_are_refused_unimported(
-    exported, tmp_path, monkeypatch, settings
-):
+def test_settings_that_name_code_of_others_are_refused_unimported(exported, tmp_path, monkeypatch):
     (tmp_path / "evil.py").write_text("open('marker', 'w').close()")
     monkeypatch.syspath_prepend(tmp_path)
-    change(exported, **settings)
-    with pytest.raises((ConfigError, RunError), match="refused|not in it"):
-        load_player(exported.path)
+    as_exported = exported.config_file.read_text()
+    for settings in tables["settings_of_others"]:
+        exported.config_file.write_text(as_exported)
+        change(exported, **settings)
+        with pytest.raises((ConfigError, RunError), match="refused|not in it"):
+            load_player(exported.path)
     assert "evil" not in sys.modules
     assert not (tmp_path / "marker").exists()
 
@@ -74,13 +84,12 @@ def test_settings_ask_for_no_more_memory_than_the_weights_do(exported):
     for kwargs in ({"net_arch": [30_000, 30_000]}, {"net_arch": [1000] * 1000}):
         assert largest(policy_kwargs=kwargs) < before + 2**17
     assert largest(policy_kwargs={"net_arch": [8]}, buffer_size=10**10) < before + 2**17
-
-
-@tables("kind, wrapper, argument")
-def test_wrappers_ask_for_no_memory_without_end(exported, kind, wrapper, argument):
-    change(exported, **{kind: [{wrapper: {argument: 10**9}}]})
-    with pytest.raises(ConfigError, match=r"FrameStack\w*: 1000000000 is refused in an"):
-        load_player(exported.path)
+    as_exported = exported.config_file.read_text()
+    for kind, wrapper, argument in tables["endless_wrappers"]:
+        exported.config_file.write_text(as_exported)
+        change(exported, **{kind: [{wrapper: {argument: 10**9}}]})
+        with pytest.raises(ConfigError, match=r"FrameStack\w*: 1000000000 is refused in an"):
+            load_player(exported.path)
 
 
 def test_pickles_are_left_alone_or_refused(exported, tmp_path):

@@ -1,7 +1,5 @@
 """Trainings that correct the sight-reader on one piece: presets, the run's folder, the commands."""
 
-import contextlib
-import dataclasses
 import shutil
 from pathlib import Path
 
@@ -135,28 +133,6 @@ def base():
         return RunFolder.create(RunConfig(**given), "base")
 
     return make
-
-
-def test_a_run_keeps_its_piece_unless_another_one_is_named(base):
-    Path("labels.csv").write_text("onset,pitch,finger\n0,72,1\n")
-    seen = {"observation": "fingers"}
-    base(env_kwargs={"score": "tune.mid", "fingering": "labels.csv", **seen})
-    own = load_fine_tuning("sac", player="base").env_kwargs
-    assert own == {
-        "score": "base/score.mid",
-        "fingering": "base/fingering.csv",
-        "physics": "reference",
-        **seen,
-    }
-    named = load_fine_tuning("sac", "RoboPianist-scale-CMajor-v0", player="base")
-    assert named.env_kwargs == {"physics": "reference", **seen}
-    with contextlib.closing(dataclasses.replace(named, env_wrapper=()).env.make()) as env:
-        assert env.unwrapped.default_score.title == "scale-CMajor"
-    for env_id in (None, GENERAL_ID):
-        other = load_fine_tuning("sac", env_id, player="base", env_kwargs={"score": "hanon-01"})
-        assert other.env_kwargs == {"score": "hanon-01", "physics": "reference", **seen}
-    several = load_fine_tuning("sac", player="base", pieces=["hanon-0[12]"])
-    assert several.pieces == ("hanon-01", "hanon-02")
 
 
 class Idle(Block):

@@ -86,13 +86,11 @@ def test_an_imported_piece_is_copied_so_that_the_run_does_not_need_the_library(
     assert copy == str(tmp_path / "run" / "score.npz")
     assert load_score(copy).notes == score.notes
     assert load_score(copy).title == "mine"
-
-
-def test_the_name_of_a_piece_stays_a_name(small_config, tmp_path, monkeypatch):
+    # The name of a piece of the package stays a name, also beside a folder that is called so.
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "CMajorScaleOneHand").mkdir()  # not what was meant
+    (tmp_path / "CMajorScaleOneHand").mkdir()
     config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": "CMajorScaleOneHand"})
-    folder = RunFolder.create(config, tmp_path / "run")
+    folder = RunFolder.create(config, tmp_path / "other")
     assert folder.read_config().env_kwargs == {"score": "CMajorScaleOneHand"}
     assert {path.name for path in folder.path.iterdir()} == {"config.yml", "run.yml"}
 
@@ -105,6 +103,14 @@ def test_what_a_killed_process_began_of_a_folder_is_made_anew(small_config, tmp_
     def killed(folder, config):
         raise KeyboardInterrupt
 
+    def full(path, text):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("sb3_piano.training.runs.folder.write_yaml", full)
+        with pytest.raises(RunError, match="cannot be written: No space left on device"):
+            RunFolder.create(config, place)
+        assert not place.exists()  # an error leaves nothing
     with monkeypatch.context() as patch:
         patch.setattr(RunFolder, "write_config", killed)
         with pytest.raises(KeyboardInterrupt):
@@ -132,32 +138,19 @@ def test_a_folder_that_is_taken_or_cannot_be_written_is_refused(small_config, tm
         RunFolder.create(small_config(), tmp_path / "file")
 
 
-def test_a_folder_that_could_not_be_filled_is_taken_away(small_config, tmp_path, monkeypatch):
-    def full(path, text):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("sb3_piano.training.runs.folder.write_yaml", full)
-    with pytest.raises(RunError, match="cannot be written: No space left on device"):
-        RunFolder.create(small_config(), runs_dir=tmp_path)
-    assert list((tmp_path / "td3").iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("content", "error", "message"),
-    [
-        (None, RunError, "is no run, it has no config.yml"),
-        ("", ConfigError, r"config\.yml' holds NoneType"),
-        ("algo: td3\n", ConfigError, r"config\.yml': env_id is missing"),
-        ("algo: [", ConfigError, r"config\.yml' is not valid YAML"),
-    ],
-)
-def test_what_is_no_run_or_a_damaged_one_is_named(tmp_path, content, error, message):
+def test_what_is_no_run_or_a_damaged_one_is_named(tmp_path):
     with pytest.raises(RunError, match=r"There is no folder '.*none': expected a folder that 'sb3"):
         RunFolder.open(tmp_path / "none")
-    if content is not None:
+    with pytest.raises(RunError, match="is no run, it has no config.yml"):
+        RunFolder.open(tmp_path)
+    for content, message in (
+        ("", "' holds NoneType"),
+        ("algo: td3\n", "': env_id is missing"),
+        ("algo: [", "' is not valid YAML"),
+    ):
         (tmp_path / "config.yml").write_text(content)
-    with pytest.raises(error, match=message):
-        RunFolder.open(tmp_path).read_config()
+        with pytest.raises(ConfigError, match=rf"config\.yml{message}"):
+            RunFolder.open(tmp_path).read_config()
 
 
 pytestmark = pytest.mark.slow
@@ -243,16 +236,14 @@ def test_a_training_whose_disk_fills_up_goes_on_when_there_is_room(
         train(config, run.path, callbacks=[FillAt(str(disk.path), 35)], **options)
     assert Checkpoint.read(run.checkpoint_dir).num_timesteps == 30
     assert not list(run.path.rglob("*.partial"))
+    full_at_once = {**options, "callbacks": [FillAt(str(disk.path), 1)]}
+    disk.make_room()
+    with pytest.raises(RunError, match=r"It had saved nothing yet\. When there is room, go on"):
+        train(config, disk.path / "other", **full_at_once)
     disk.make_room()
     result = resume(run.path, **options)
     assert (result.started_at, result.num_timesteps) == (30, 100)
     assert all(entry["l"] == episode for entry in episodes_of(run.monitor_dir))
-
-
-def test_a_training_whose_disk_is_full_at_once_says_that_nothing_is_saved(small_config, disk):
-    options = {"callbacks": [FillAt(str(disk.path), 1)], "checkpoint_every": 30}
-    with pytest.raises(RunError, match=r"It had saved nothing yet\. When there is room, go on"):
-        train(small_config(), disk.path / "run", progress_bar=False, **options)
 
 
 def test_files_beside_a_training_are_refused_in_one_line_too(piano_run, disk, capfd):

@@ -4,11 +4,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from fresh_python import run_python, running_python
 from stable_baselines3 import SAC
+from waiting import PATIENCE, wait_for
 from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint
@@ -20,7 +20,6 @@ tables = Tables(__file__)
 
 pytestmark = pytest.mark.slow
 
-PATIENCE = 600  # s; starting several processes takes minutes where many others are at work
 COMMAND = [
     *("-m", "sb3_piano.cli", "train", "--env", "Pendulum-v1", "--config", "long.yml"),
     *("--out", "run", "--no-progress", "--seed", "1"),
@@ -35,15 +34,6 @@ def long(tmp_path):
     (tmp_path / "long.yml").write_text(f"default: {{{settings}}}")
 
 
-def wait_for(condition, ended):
-    """Wait until a training is as far as that."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert not ended(), "the training has ended"
-        assert time.monotonic() < deadline, "it took too long"
-        time.sleep(0.02)
-
-
 @pytest.mark.usefixtures("long")
 def test_a_run_has_one_training_and_killed_at_any_time_goes_on_from_its_last_checkpoint(
     tmp_path, monkeypatch, capsys
@@ -52,7 +42,7 @@ def test_a_run_has_one_training_and_killed_at_any_time_goes_on_from_its_last_che
     with running_python([*COMMAND, "--checkpoint-every", "100"], tmp_path) as training:
         process = training.process
         for file in (folder.checkpoint_dir / "checkpoint.json", folder.model_file):
-            wait_for(file.exists, lambda: process.exitcode is not None)
+            wait_for(file.exists, lambda: process.exitcode)
 
         # A second training is refused at once, but all may read.
         assert main(["train", "--resume", str(folder.path)]) == 2
@@ -130,10 +120,7 @@ def test_ctrl_c_saves_and_prints_how_to_go_on(tmp_path):
         start_new_session=True,
     )
     try:
-        wait_for(
-            lambda: monitor.exists() and monitor.read_text().count("\n") > 3,
-            lambda: process.poll() is not None,
-        )
+        wait_for(lambda: monitor.exists() and monitor.read_text().count("\n") > 3, process.poll)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: environments get it too
         out, err = process.communicate(timeout=PATIENCE)
     finally:

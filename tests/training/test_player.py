@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import gymnasium as gym
 import pytest
 from acting import STILL
 
@@ -13,13 +12,6 @@ from sb3_piano.music import Note, Score
 from sb3_piano.training import OpenPlayer, evaluate, train
 
 BEYOND = Score(notes=[Note(pitch=100, onset=0.0, offset=0.2)], title="Beyond")
-
-
-class AlwaysTwinkle(gym.Wrapper):
-    """Choose a piece at each reset; named in a config by its import path."""
-
-    def reset(self, *, seed=None, options=None):
-        return self.env.reset(seed=seed, options={"score": "TwinkleTwinkleLittleStar"})
 
 
 @pytest.mark.slow
@@ -52,14 +44,12 @@ def test_an_episode_ends_when_a_wrapper_of_the_run_ends_it(piano_run):
         next(endless)
         player.wrapped.step(STILL)  # leave one under way
         assert [recording.metrics["length"] for recording in player.play(2)] == [3, 3]
-
-
-def test_a_player_of_no_piano_does_not_rest(pendulum_run):
-    with OpenPlayer.open(pendulum_run().path) as player:
-        assert player.rest() is None
-        assert player.piece == "Pendulum-v1"
-        (recording,) = player.play()
-        assert (recording.performance, recording.motion) == (None, None)
+    # Without a file, the score names the piece.
+    folder.provenance_file.unlink()
+    named = {"score": "CMajorScaleOneHand"}
+    folder.write_config(dataclasses.replace(folder.read_config(), env_kwargs=named))
+    with OpenPlayer.open(folder.path) as player:
+        assert player.piece == "CMajorScaleOneHand"
 
 
 def test_each_playing_starts_from_its_seed(pendulum_run):
@@ -70,28 +60,6 @@ def test_each_playing_starts_from_its_seed(pendulum_run):
         assert other[0] not in returns
         endless = player.episodes(seed=5)
         assert [next(endless).metrics["return"] for _ in range(3)] == returns
-
-
-def test_a_run_without_a_file_names_its_piece_by_the_score(piano_run, small_config):
-    folder = piano_run(STILL)
-    config = folder.read_config()
-    folder.provenance_file.unlink()
-    folder.write_config(dataclasses.replace(config, env_kwargs={"score": "CMajorScaleOneHand"}))
-    with OpenPlayer.open(folder.path) as player:
-        assert player.piece == "CMajorScaleOneHand"
-
-
-@pytest.mark.slow
-def test_a_given_piece_is_played_whatever_wrappers_choose(piano_run):
-    folder = piano_run(STILL)
-    config = folder.read_config()
-    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.AlwaysTwinkle"))
-    short = Score(notes=[Note(pitch=60, onset=0.0, offset=0.2)], title="Short")
-    with OpenPlayer.open(folder.path) as player:
-        assert player.play()[0].performance.title == "TwinkleTwinkleLittleStar"
-    with OpenPlayer.open(folder.path, score=short) as player:
-        for recording in (*player.play(2), player.rest()):
-            assert recording.performance.title == player.piece == "Short"
 
 
 def test_a_window_keeps_its_keys_for_another_piece(piano_run):
@@ -105,7 +73,7 @@ def test_a_window_keeps_its_keys_for_another_piece(piano_run):
         OpenPlayer.open(folder.path, score=BEYOND)
 
 
-def test_what_a_run_cannot_play_is_refused(pendulum_run):
+def test_what_a_run_of_no_piano_cannot_play_is_refused(pendulum_run):
     folder = pendulum_run().path
     for error, message, changes in (
         (ConfigError, "seed is -1: expected a whole number, 0 or more", {"seed": -1}),
@@ -115,6 +83,9 @@ def test_what_a_run_cannot_play_is_refused(pendulum_run):
         with pytest.raises(error, match=message):
             OpenPlayer.open(folder, **changes)
     with OpenPlayer.open(folder) as player:
+        assert (player.rest(), player.piece) == (None, "Pendulum-v1")
+        (recording,) = player.play()
+        assert (recording.performance, recording.motion) == (None, None)
         with pytest.raises(ConfigError, match="episodes is 0: expected a whole number"):
             player.play(0)
         with pytest.raises(ConfigError, match="seed is -2: expected a whole number"):

@@ -11,7 +11,6 @@ from yaml_rows import Tables
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score
 from sb3_piano.training import Plugin, RunConfig
-from sb3_piano.training.configuration.names import ALGORITHMS, algorithm_class
 from sb3_piano.training.runs.builders import build_vec_env
 
 tables = Tables(__file__)
@@ -99,9 +98,3 @@ def test_the_agents_are_those_of_the_environments(small_config, hands_in_scene, 
     )
     with contextlib.closing(build_vec_env(config)) as venv:
         assert venv.num_envs == config.n_agents == count
-
-
-@pytest.mark.parametrize("name", ALGORITHMS)
-def test_every_algorithm_can_be_imported_and_configured(name):
-    assert algorithm_class(name).__name__.lower() == name
-    RunConfig(algo=name, env_id="Pendulum-v1", n_timesteps=1, algorithm_kwargs={"gamma": "0.8"})

@@ -125,10 +125,12 @@ def test_a_run_is_trained_on_and_its_folder_has_all_that_it_needs(base, capsys):
         "RunResidual",
         "HandReward",
     ]
-    before = evaluate("base").mean
-    start = correcting(n_timesteps=2, learning_starts=100)
-    first = train(start, "first", progress_bar=False).folder
-    assert evaluate(first.path).mean["f1"] == before["f1"]
+    before = evaluate("base", physics="reference").mean
+    Path("brief.yml").write_text(yaml.safe_dump({GENERAL_ID: {**BRIEF, "callback": []}}))
+    command = ["train", "--from", "base", "--config", "brief.yml", "--steps", "4", "--out", "first"]
+    assert main([*command, "--no-progress"]) == 0
+    assert RunFolder.open("first").read_config().env.base == str(Path("first/base"))
+    assert evaluate("first").mean["f1"] == before["f1"]
     run = train(config, "run", progress_bar=False).folder
     wanted = evaluate(run.path).mean
     shutil.rmtree("base")
@@ -266,16 +268,6 @@ def test_the_left_hand_is_corrected_in_the_mirror(base):
         slopes = np.array([(told[amount] - told[0.0]) / amount for amount in (0.5, -0.5)])
         assert slopes.max(axis=0)[0] == pytest.approx(0.03, rel=1e-5)
         assert slopes.min(axis=0)[1] == pytest.approx(-0.03, rel=1e-5)
-
-
-@pytest.mark.slow
-def test_the_command_takes_the_runs_own_piece(base, capsys):
-    Path("brief.yml").write_text(yaml.safe_dump({GENERAL_ID: {**BRIEF, "callback": []}}))
-    command = ["train", "--from", "base", "--config", "brief.yml", "--steps", "4", "--out", "run"]
-    assert main([*command, "--no-progress"]) == 0
-    config = RunFolder.open("run").read_config()
-    assert config.env.base == str(Path("run/base"))
-    assert config.env_kwargs["observation"] == "fingers"
 
 
 def test_what_cannot_be_corrected_is_refused(base, tmp_path):

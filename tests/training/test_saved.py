@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 import sys
 
 import numpy as np
 import pytest
 from damage import told, variants_of
-from stable_baselines3.common.running_mean_std import RunningMeanStd
 from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import RunError
 from sb3_piano.training import OpenPlayer, evaluate, resume
 from sb3_piano.training.configuration.names import ALGORITHMS
 from sb3_piano.training.playing.player_files import write_player
@@ -48,7 +48,7 @@ def played(folder, seed=3):
 def test_a_shared_run_plays_the_same_to_the_last_bit_without_unpickling(
     pendulum_run, tmp_path, algo, unpickled
 ):
-    run = pendulum_run(algo=algo, n_timesteps=40, n_envs=2, normalize=True)
+    run = pendulum_run(algo=algo, n_timesteps=24, n_envs=2, normalize=True)
     unpickled.clear()
     expected = played(run.path)
     assert unpickled, "the hook notices what a run unpickles"
@@ -79,7 +79,9 @@ def test_a_shared_piano_is_evaluated_reported_and_played(piano_run, tmp_path, un
     assert unpickled == [], "a pickle beside the weights is left alone"
 
 
-def test_a_shared_run_cannot_be_trained_on_and_has_one_model(pendulum_run, tmp_path):
+def test_a_shared_run_cannot_be_trained_on_and_has_one_model_of_its_settings(
+    pendulum_run, tmp_path
+):
     shared = write_player(pendulum_run().path, tmp_path / "shared")
     with pytest.raises(RunError, match="exported to be played, without what training needs"):
         resume(shared.path)
@@ -87,6 +89,15 @@ def test_a_shared_run_cannot_be_trained_on_and_has_one_model(pendulum_run, tmp_p
         evaluate(shared.path, best="f1")
     with pytest.raises(RunError, match="holds a run already"):
         write_player(shared.path, shared.path)
+    config = shared.read_config()
+    for change, message in (  # or of another model
+        ({"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, "do not fit .*size mismatch"),
+        ({"algo": "sac"}, "its algo is 'td3', not 'sac'"),
+        ({"normalize": True}, "it has no statistics, not normalization.returns.mean"),
+    ):
+        shared.write_config(type(config)(**{**config.to_mapping(), **change}))
+        with pytest.raises(RunError, match=message):
+            evaluate(shared.path)
 
 
 @pytest.mark.slow
@@ -106,20 +117,6 @@ def test_damaged_weights_are_refused_or_harmless(pendulum_run, tmp_path):
             assert "policy.safetensors' cannot be loaded" in line
             assert "\n" not in line
     assert refused >= len(cut) + len(changed)
-
-
-def test_weights_of_another_model_are_refused(pendulum_run, small_config, tmp_path):
-    shared = write_player(pendulum_run().path, tmp_path / "shared")
-    config = shared.read_config()
-    for change, message in (
-        ({"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, "do not fit .*size mismatch"),
-        ({"algo": "sac"}, "its algo is 'td3', not 'sac'"),
-        ({"normalize": True}, "it has no statistics, not normalization.returns.mean"),
-    ):
-        settings = {**config.to_mapping(), **change}
-        shared.write_config(type(config)(**settings))
-        with pytest.raises(RunError, match=message):
-            evaluate(shared.path)
 
 
 def test_an_interruption_leaves_no_folder_and_one_that_cannot_be_written_is_told(
@@ -156,7 +153,7 @@ def normalized_run(pendulum_run):
 def test_damaged_statistics_end_in_one_line_that_names_the_file(normalized_run):
     file = normalized_run.path / "vecnormalize.pkl"
     content = file.read_bytes()
-    cut, changed = variants_of(content, 20)
+    cut, changed = variants_of(content, 10)
     for variant in cut:
         file.write_bytes(variant)
         check_refused(normalized_run)
@@ -183,23 +180,20 @@ def test_a_model_and_statistics_of_two_checkpoints_are_mended_or_refused(normali
     assert evaluate(normalized_run.path, 1).num_timesteps == 30
 
 
-@pytest.mark.parametrize(
-    "other", [3, None, [1.0], {"obs_rms": 1}, np.zeros(3), RunningMeanStd(shape=(3,)), ValueError]
-)
-def test_a_pickle_of_something_else_is_no_statistics(normalized_run, other):
-    (normalized_run.path / "vecnormalize.pkl").write_bytes(pickle.dumps(other))
-    check_refused(normalized_run)
-
-
-@Tables(__file__)("field, value")
-def test_statistics_that_cannot_be_are_refused(normalized_run, field, value):
+def test_a_pickle_of_something_else_and_statistics_that_cannot_be_are_refused(normalized_run):
     file = normalized_run.path / "vecnormalize.pkl"
     with OpenPlayer.open(normalized_run.path) as player:
         normalizer = player.model.get_vec_normalize_env()
-    value = np.array(value, float) if isinstance(value, list) else value
-    setattr(normalizer.obs_rms, field, value)
-    normalizer.save(str(file))
-    check_refused(normalized_run)
+    right = copy.deepcopy(normalizer.obs_rms)
+    for other in (3, None, [1.0], {"obs_rms": 1}, np.zeros(3), right, ValueError):
+        file.write_bytes(pickle.dumps(other))
+        check_refused(normalized_run)
+    for field, value in Tables(__file__)["statistics_that_cannot_be"]:
+        normalizer.obs_rms = copy.deepcopy(right)
+        value = np.array(value, float) if isinstance(value, list) else value
+        setattr(normalizer.obs_rms, field, value)
+        normalizer.save(str(file))
+        check_refused(normalized_run)
 
 
 def test_a_damaged_model_is_an_error(pendulum_run):
@@ -212,21 +206,22 @@ def test_a_damaged_model_is_an_error(pendulum_run):
         assert line is None or "model.zip' cannot be loaded" in line
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00c", b"seed: [", b"- 1", b"a: " + b"1" * 5000])
 def test_a_run_with_a_damaged_origin_plays_and_one_with_damaged_settings_does_not(
-    piano_run, content, capsys
+    piano_run, capsys
 ):
     run = piano_run(np.zeros(39), physics="fast")
-    run.provenance_file.write_bytes(content)
-    with OpenPlayer.open(run.path) as player:
-        assert player.piece == "score"
+    damaged = (b"\xff\xfe\x00c", b"seed: [", b"- 1", b"a: " + b"1" * 5000)
+    for content in damaged:
+        run.provenance_file.write_bytes(content)
+        with OpenPlayer.open(run.path) as player:
+            assert player.piece == "score"
     assert main(["report", str(run.path)]) == 0
-    run.config_file.write_bytes(content)
-    with pytest.raises(ConfigError, match="config.yml"):
-        evaluate(run.path)
-    capsys.readouterr()
-    assert main(["evaluate", str(run.path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    for content in damaged:
+        run.config_file.write_bytes(content)
+        capsys.readouterr()
+        assert main(["evaluate", str(run.path)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "config.yml" in line
 
 
 def play(run):

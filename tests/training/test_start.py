@@ -1,18 +1,15 @@
 """Trainings that start from what another run has learnt."""
 
-import shutil
-
 import numpy as np
 import pytest
 import torch
+from acting import states_of
 from stable_baselines3.common.callbacks import BaseCallback
 from yaml_rows import Tables
 
 from sb3_piano import exceptions
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import load_score, write_midi
 from sb3_piano.training import RunConfig, RunFolder, load_fine_tuning, load_start, resume, train
 
 tables = Tables(__file__)
@@ -25,24 +22,10 @@ def config(small_config):
     """Return a function that makes settings of something tiny on Pendulum, episodes of 20 steps."""
 
     def make(algo="sac", **changes):
-        options = {"n_steps": 40, "batch_size": 8} if algo == "ppo" else {"learning_starts": 10}
+        options = {"n_steps": 20, "batch_size": 8} if algo == "ppo" else {"learning_starts": 10}
         options |= changes.pop("algorithm_kwargs", {})
-        settings = {"algo": algo, "n_timesteps": 80, "algorithm_kwargs": options}
+        settings = {"algo": algo, "n_timesteps": 40, "algorithm_kwargs": options}
         return small_config(**{**settings, **changes})
-
-    return make
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    """Return a function that trains once with each settings, and returns the run's folder."""
-    folders = {}
-
-    def make(settings):
-        if repr(settings) not in folders:
-            place = tmp_path_factory.mktemp("trained") / "run"
-            folders[repr(settings)] = train(settings, place, progress_bar=False).folder
-        return folders[repr(settings)]
 
     return make
 
@@ -52,8 +35,7 @@ def source(config, trained, tmp_path):
     """Return a function that makes a run to start from, and returns its folder."""
 
     def make(algo="sac", **changes):
-        folder = trained(config(algo, **changes))
-        return RunFolder(shutil.copytree(folder.path, tmp_path / "source"))
+        return trained(config(algo, **changes), tmp_path / "source")
 
     return make
 
@@ -66,7 +48,7 @@ class Watched(BaseCallback):
         self.actions, self.updates = [], []
 
     def _on_training_start(self):
-        self.parameters = flat(self.model)
+        self.parameters = states_of(self.model)
         self.coefficient = getattr(self.model, "log_ent_coef", None)
         self.coefficient = None if self.coefficient is None else self.coefficient.detach().clone()
         buffer = getattr(self.model, "replay_buffer", None)
@@ -84,19 +66,6 @@ class Watched(BaseCallback):
                 mean = model.policy._predict(observation, deterministic=True).numpy()
             self.actions.append((self.locals["buffer_actions"].copy(), mean))
         return True
-
-
-def flat(model):
-    """Return all parameters and optimizers' states of a model by name."""
-    found = {}
-    for name, states in model.get_parameters().items():
-        for key, value in states.items():
-            if key == "state":
-                value = {f"{i}.{n}": t for i, s in value.items() for n, t in s.items()}
-                found.update({f"{name}.{n}": t.clone() for n, t in value.items()})
-            elif isinstance(value, torch.Tensor):
-                found[f"{name}.{key}"] = value.clone()
-    return found
 
 
 def start(run, **options):
@@ -118,16 +87,14 @@ def begin(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "algo", [pytest.param(a, marks=pytest.mark.slow) if a != "sac" else a for a in ALGORITHMS]
-)
+@pytest.mark.parametrize("algo", ALGORITHMS)
 def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, begin, algo):
     run = source(algo)
     saved = run.read_config().algorithm.load(run.model_file)
     options = {"net_arch": [8], "optimizer_kwargs": {"weight_decay": 0.25}}
     own = config(algo, callback=start(run), algorithm_kwargs={"policy_kwargs": options})
     watched = begin(own)
-    expected = flat(saved)
+    expected = states_of(saved)
     assert watched.parameters.keys() == expected.keys()
     assert any(".exp_avg" in name for name in expected)
     for name, tensor in expected.items():
@@ -149,7 +116,7 @@ def test_the_entropy_coefficient_may_begin_anew(config, source, begin, before):
     own = config(callback=begun, n_timesteps=20, algorithm_kwargs={"ent_coef": "auto_0.25"})
     watched = begin(own)
     assert watched.coefficient.exp().item() == pytest.approx(0.25)
-    saved = flat(own.algorithm.load(run.model_file))
+    saved = states_of(own.algorithm.load(run.model_file))
     entropy = {name for name in saved if name.startswith("ent_coef_optimizer")}
     assert watched.parameters.keys() == saved.keys() - entropy
     assert all(torch.equal(watched.parameters[name], saved[name]) for name in watched.parameters)
@@ -195,7 +162,7 @@ def test_an_entropy_coefficient_that_is_fixed_is_the_new_runs(config, source, be
     assert model.ent_coef_tensor.item() == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(("with_buffer", "rows"), [(False, 0), (True, 80)])
+@pytest.mark.parametrize(("with_buffer", "rows"), [(False, 0), (True, 40)])
 def test_the_buffer_is_new_or_kept(config, source, begin, with_buffer, rows):
     own = config(callback=start(source(), with_buffer=with_buffer), n_timesteps=40, seed=5)
     watched = begin(own)
@@ -217,7 +184,7 @@ def test_a_training_that_is_resumed_keeps_its_own_networks_and_is_not_seeded_aga
 ):
     own = config(callback=start(source(), seed_steps=30), n_timesteps=25)
     folder = begin(own, callbacks=[StopsEarly()]).folder
-    saved = flat(own.algorithm.load(folder.model_file))
+    saved = states_of(own.algorithm.load(folder.model_file))
     watched = Watched()
     resume(folder.path, callbacks=[watched], progress_bar=False)
     assert all(torch.equal(watched.parameters[name], tensor) for name, tensor in saved.items())
@@ -228,7 +195,7 @@ def test_a_training_that_is_resumed_keeps_its_own_networks_and_is_not_seeded_aga
 def test_statistics_of_observations_come_along(config, source, begin, tmp_path):
     begun = start(source(normalize=True))
     watched = begin(config(normalize=True, callback=begun, n_timesteps=10))
-    assert watched.count > 80
+    assert watched.count > 40
     with pytest.raises(ConfigError, match="normalises observations and rewards, unlike this"):
         train(config(callback=begun), tmp_path / "other", progress_bar=False)
 
@@ -244,7 +211,7 @@ def test_what_does_not_fit_is_refused_and_leaves_no_folder(
     assert not (tmp_path / "next").exists()
 
 
-def test_settings_are_those_of_the_run_with_what_is_given(config, source):
+def test_settings_are_those_of_the_run_with_what_is_given(source, tmp_path):
     run = source()
     found = load_start(run.path, n_timesteps=30, env_kwargs={"g": 9.0})
     assert found.env_kwargs == {"max_episode_steps": 20, "g": 9.0}
@@ -252,27 +219,15 @@ def test_settings_are_those_of_the_run_with_what_is_given(config, source):
     assert found.algorithm_kwargs == run.read_config().algorithm_kwargs
     (begun,) = found.callback
     assert begun.kwargs == {"run": str(run.path.absolute())}
-    again = load_start(run.path, "MountainCarContinuous-v0", with_buffer=True)
-    assert again.env_id == "MountainCarContinuous-v0"
-    assert again.callback[0].kwargs["with_buffer"] is True
-
-
-@pytest.mark.slow
-def test_a_start_from_a_run_that_started_from_another_one_has_one_start(config, source, tmp_path):
-    begun = config(callback=start(source()))
-    second = train(begun, tmp_path / "second", progress_bar=False).folder
-    (last,) = load_start(second.path).callback
-    assert last.kwargs["run"] == str(second.path.absolute())
+    second = RunFolder.create(found, tmp_path / "second")  # it has one start, from the last run
+    (begun,) = load_start(second.path, "MountainCarContinuous-v0", with_buffer=True).callback
+    assert begun.kwargs == {"run": str(second.path.absolute()), "with_buffer": True}
 
 
 def test_another_piece_and_other_hyperparameters_take_the_place_of_the_runs(source, tmp_path):
     run = source()
     piece = RunConfig(**{**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"})
     run.write_config(piece.in_env(score="FurElise", physics="fast"))
-    found = load_start(run.path, "RoboPianist-scale-CMajor-v0")
-    assert "score" not in found.env_kwargs
-    assert found.env_kwargs["physics"] == "fast"
-    assert load_start(run.path).env_kwargs["score"] == "FurElise"
     (tmp_path / "own.yml").write_text("default: {n_timesteps: 9, policy: MlpPolicy, gamma: 0.5}")
     own = load_start(run.path, "Pendulum-v1", tmp_path / "own.yml", seed=4)
     assert (own.n_timesteps, own.seed, own.algorithm_kwargs["gamma"]) == (9, 4, 0.5)
@@ -296,8 +251,8 @@ CHOICES = (
 )
 
 
-def corrected(run, **changes):
-    return load_fine_tuning("sac", player=run, **changes)
+def corrected(run, env_id=None, **changes):
+    return load_fine_tuning("sac", env_id, player=run, **changes)
 
 
 @pytest.mark.parametrize("load", [load_start, corrected])
@@ -318,6 +273,8 @@ def test_what_belongs_to_the_runs_pieces_is_left_out_for_others(config, tmp_path
         run = RunFolder.create(own, tmp_path / str(number))
         kept, found = load(run.path), load(run.path, **other)
         assert run.read_config().env_kwargs.items() <= kept.env_kwargs.items()
+        for named in ("RoboPianist-v0", "sb3_piano:RoboPianist-v0"):  # the run's own
+            assert load(run.path, env_id=named).env_kwargs == kept.env_kwargs
         assert len(kept.env_wrapper) == len(found.env_wrapper) + len(choices)
         assert all(plugin.path not in str(CHOICES) for plugin in found.env_wrapper)
         assert "tempo" not in found.env_kwargs
@@ -326,27 +283,6 @@ def test_what_belongs_to_the_runs_pieces_is_left_out_for_others(config, tmp_path
         assert found.env_kwargs.get("observation") == played.get("observation")
         assert found.env_kwargs.get("score") == other.get("env_kwargs", {}).get("score")
         assert found.pieces == tuple(other.get("pieces", ()))
-
-
-def test_the_runs_own_environment_may_be_named(config, tmp_path):
-    write_midi(load_score("hanon-01"), tmp_path / "own.mid")
-    score = {"env_id": "RoboPianist-v0", "env_kwargs": {"score": str(tmp_path / "own.mid")}}
-    pieces = {"env_id": "RoboPianist-v0", "env_kwargs": {}, "pieces": ["hanon-0[12]"]}
-    labels = {
-        "env_id": "RoboPianist-scale-CMajor-v0",
-        "env_kwargs": {"fingering": str(tmp_path / "labels.csv")},
-    }
-    (tmp_path / "labels.csv").write_text("onset,pitch,finger\n0,60,1\n")
-    for name, changes in (("score", score), ("pieces", pieces), ("labels", labels)):
-        run = RunFolder.create(config(**changes), tmp_path / name)
-        own = run.read_config()
-        for env_id in (None, own.env_id, f"sb3_piano:{own.env_id}"):
-            for found in (
-                load_start(run.path, env_id),
-                load_fine_tuning("sac", env_id, player=run.path),
-            ):
-                assert own.env_kwargs.items() <= found.env_kwargs.items()
-                assert found.pieces == own.pieces
 
 
 def test_the_module_of_an_environment_comes_along(config, tmp_path, monkeypatch):
@@ -364,18 +300,3 @@ def test_the_module_of_an_environment_comes_along(config, tmp_path, monkeypatch)
         assert (found.env_module, found.env_id) == ("swings", "Swing-v0")
     corrected = load_fine_tuning("sac", player=run.path)
     assert (corrected.env_module, corrected.env_id) == ("swings", "Swing-v0")
-
-
-@pytest.mark.slow
-def test_the_command_starts_from_a_run_on_another_piece(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    small = "{policy_kwargs: {net_arch: [8]}, batch_size: 8, buffer_size: 200, learning_starts: 9,"
-    small += " policy: MlpPolicy, n_timesteps: 20, env_kwargs: {physics: fast}}"
-    (tmp_path / "small.yml").write_text(f"default: {small}")
-    base = ["train", "--algo", "sac", "--config", "small.yml", "--no-progress", "--out", "first"]
-    assert main([*base, "--env", "RoboPianist-scale-CMajor-v0"]) == 0
-    following = ["train", "--init-from", "first", "--no-progress", "--out"]
-    assert main([*following, "second", "--pieces", "scale-[CD]Major", "--n-envs", "2"]) == 0
-    assert main([*following, "third", "--midi", "FurElise"]) == 0
-    assert main([*following, "fourth", "--with-buffer", "--steps", "30"]) == 0
-    assert Checkpoint.read(tmp_path / "fourth/checkpoint").replay.total == 50

@@ -141,20 +141,10 @@ def test_where_no_key_is_pressed_there_is_silence_and_no_midi_file(piano_run, mi
     assert len(samples) / rate == pytest.approx(26 * 0.05)  # 1.2 s: 25 steps, 26 pictures
 
 
-@pytest.mark.slow
-def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
-    run = piano_run(LOUD).path
-    played = play_run(run, score=PIECE, picture=None)
-    assert played.folder == run / "play" / "three_notes"
-    assert episode_of(run).piano.title == "duet"  # of the file, before it was copied
-    take = episode_of(run, score=PIECE)
-    assert take.piano.title == "three notes"
-    assert take.piano.roll.onset.sum() == 3
-    assert len(take.qpos) == len(take.piano.roll) + 1
-
-
-def test_a_run_that_is_no_pianos_and_a_folder_that_cannot_be_made_are_refused(run, tmp_path):
-    folder = run(n_timesteps=30).folder.path
+def test_a_run_that_is_no_pianos_and_a_folder_that_cannot_be_made_are_refused(
+    pendulum_run, tmp_path
+):
+    folder = pendulum_run().path
     with pytest.raises(RunError, match="cannot be watched: its environment 'Pendulum-v1' is no"):
         play_run(folder)
     assert not (folder / "play").exists()
@@ -183,9 +173,15 @@ def test_a_piece_has_a_folder_by_its_title_which_stays_in_its_place(
 
 
 def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(piano_run, tmp_path, capsys):
-    run = piano_run(LOUD).path
+    run = piano_run(LOUD, physics="fast").path
     assert main(["play", str(run), "--no-video"]) == 0
     assert names_in(run / "play") == ["performance.mid", *SILENT]
+    # Another piece has a folder of its own.
+    assert play_run(run, score=PIECE, picture=None).folder == run / "play" / "three_notes"
+    take = episode_of(run, score=PIECE)
+    assert take.piano.title == "three notes"
+    assert take.piano.roll.onset.sum() == 3
+    assert len(take.qpos) == len(take.piano.roll) + 1
     write_midi(PIECE, tmp_path / "piece.mid")
     out = tmp_path / "out"
     assert main([*SCORE, str(tmp_path / "piece.mid"), "--no-video", "--out", str(out)]) == 0

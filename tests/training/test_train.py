@@ -36,27 +36,19 @@ def test_a_training_writes_model_checkpoint_monitor_and_log(run, episodes_of):
 
 def test_a_training_leaves_no_thread_behind(run, small_config, tmp_path):
     before = threading.active_count()
-    for number in range(3):
-        train(small_config(n_timesteps=30), tmp_path / str(number), progress_bar=False)
+    train(small_config(n_timesteps=10), tmp_path / "whole", progress_bar=False)
     assert threading.active_count() == before
     with pytest.raises(RuntimeError, match="crash"):
         run(callback=[act_at(10, "crash")])
     assert threading.active_count() == before
 
 
-def test_a_signal_at_the_last_step_reaches_who_trains_one_after_the_other(run):
-    with stop_on_signal() as request:
-        result = run(callback=[act_at(100, "SIGTERM")])
-        assert not result.interrupted  # it was over
-        assert request.made
-
-
 @pytest.mark.slow
 def test_equal_seeds_give_equal_models_and_others_do_not(small_config, tmp_path):
     models = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        result = train(small_config(seed=seed), tmp_path / name, progress_bar=False)
-        models.append(parameters(result.folder))
+        config = small_config(seed=seed, n_timesteps=50)
+        models.append(parameters(train(config, tmp_path / name, progress_bar=False).folder))
     assert torch.equal(models[0], models[1])
     assert not torch.equal(models[0], models[2])
 
@@ -95,9 +87,10 @@ def test_an_interruption_saves_and_says_so(run, action):
     ("n_timesteps", "step", "done", "interrupted"), [(80, 50, 50, True), (50, 55, 60, False)]
 )
 def test_an_on_policy_training_ends_within_its_rollout_unless_it_is_the_last(
-    ppo_config, tmp_path, n_timesteps, step, done, interrupted
+    small_config, tmp_path, n_timesteps, step, done, interrupted
 ):
-    whole = dataclasses.replace(ppo_config, n_timesteps=n_timesteps)
+    options = {"batch_size": 20, "n_epochs": 1}  # and rollouts of 20 steps
+    whole = small_config(algo="ppo", n_timesteps=n_timesteps, algorithm_kwargs=options)
     config = dataclasses.replace(whole, callback=act_at(step, "SIGINT"))
     result = train(config, tmp_path / "run", progress_bar=False)
     assert (result.interrupted, result.num_timesteps) == (interrupted, done)
@@ -112,9 +105,11 @@ def test_an_on_policy_training_ends_within_its_rollout_unless_it_is_the_last(
 
 @pytest.mark.parametrize(("step", "action"), [(50, "stop"), (100, "SIGINT")])
 def test_a_callback_that_stops_or_a_signal_in_the_last_step_is_no_interruption(run, step, action):
-    result = run(callback=act_at(step, action))
+    with stop_on_signal() as request:  # as who trains one after the other
+        result = run(callback=act_at(step, action))
     assert (result.interrupted, result.num_timesteps) == (False, step)
     assert Checkpoint.read(result.folder.checkpoint_dir).num_timesteps == step
+    assert request.made == (action == "SIGINT")
 
 
 def test_a_progress_bar_is_shown_and_taken_away_whatever_happens(
@@ -209,20 +204,15 @@ def test_resuming_is_deterministic_and_starts_other_episodes_than_the_first_sitt
     assert starts[60] != starts[0]  # the first observations of both sittings
 
 
-@pytest.mark.slow
-def test_a_finished_run_is_left_alone(run):
-    folder = run().folder
+def test_a_finished_run_is_left_alone_but_for_a_model_that_was_not_copied(pendulum_run):
+    folder = pendulum_run(normalize=True)
     before = {path: path.stat().st_mtime_ns for path in folder.path.rglob("*")}
-    for steps in (None, 100, 50):
+    for steps in (None, 30, 20):
         result = resume(folder.path, steps)
-        assert (result.had_finished, result.num_timesteps) == (True, 100)
+        assert (result.had_finished, result.num_timesteps) == (True, 30)
     assert {path: path.stat().st_mtime_ns for path in folder.path.rglob("*")} == before
-    assert folder.read_config().n_timesteps == 100
-
-
-@pytest.mark.slow
-def test_a_run_that_was_killed_before_its_last_model_was_copied_has_it_afterwards(run):
-    folder = run(normalize=True).folder
+    assert folder.read_config().n_timesteps == 30
+    # It was killed between its last checkpoint and the copies of it.
     copies = [folder.model_file, folder.model_file.with_name("vecnormalize.pkl")]
     expected = [file.read_bytes() for file in copies]
     for file in copies:
@@ -244,15 +234,15 @@ def test_a_run_that_had_saved_nothing_starts_over(run, monkeypatch, caplog, tmp_
 
 
 @tables("asked, message")
-def test_another_run_than_asked_for_is_refused(run, asked, message):
-    folder = run(n_timesteps=20).folder
+def test_another_run_than_asked_for_is_refused(pendulum_run, asked, message):
+    folder = pendulum_run()
     with pytest.raises(ConfigError, match=message):
         resume(folder.path, 40, **asked)
 
 
 @tables("file, old, new, message")
-def test_a_checkpoint_or_a_model_of_another_run_is_refused(run, file, old, new, message):
-    folder = run(n_timesteps=20).folder
+def test_a_checkpoint_or_a_model_of_another_run_is_refused(pendulum_run, file, old, new, message):
+    folder = pendulum_run()
     files = [folder.checkpoint_dir / "checkpoint.json", folder.config_file]
     for path in files[:1] if file == "checkpoint" else files:
         path.write_text(path.read_text().replace(old, new))

@@ -100,24 +100,6 @@ def test_a_file_that_cannot_be_used_is_named_with_the_reason_in_a_line(tmp_path,
     assert len(str(caught.value)) < 1500
 
 
-@pytest.mark.parametrize("algo", ["ddpg", "sac", "td3", "tqc"])
-def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
-    config = load_config(algo, "RoboPianist-v0")
-    arguments = config.algorithm_kwargs
-    assert arguments["policy_kwargs"]["net_arch"] == [256, 256, 256]
-    assert (arguments["gamma"], arguments["tau"]) == (0.8, 0.005)
-    assert (arguments["learning_rate"], arguments["batch_size"]) == (0.0003, 256)
-    assert (arguments["buffer_size"], arguments["learning_starts"]) == (1_000_000, 5000)
-    assert (arguments["train_freq"], arguments["gradient_steps"]) == (1, 1)
-    assert config.n_timesteps == 1_000_000
-    assert config.monitor_kwargs == {"info_keywords": ("precision", "recall", "f1", "onset_f1")}
-    (callback,) = config.callback
-    assert (callback.path, callback.kwargs) == (
-        "sb3_piano.callbacks.F1Callback",
-        {"eval_freq": 10000},
-    )
-
-
 # Values from YAML and RL Zoo's snippets fit their parameters, or are refused by name.
 
 

@@ -97,17 +97,3 @@ class Broken(gym.Wrapper):
         if self._steps > self._limit:
             raise RuntimeError("a string\nhas broken")
         return self.env.step(action)
-
-
-class Interrupted(gym.Wrapper):
-    """Press Ctrl-C after some steps."""
-
-    def __init__(self, env: gym.Env, step: int):
-        super().__init__(env)
-        self._left = step
-
-    def step(self, action):
-        self._left -= 1
-        if self._left == 0:
-            os.kill(os.getpid(), signal.SIGINT)
-        return self.env.step(action)

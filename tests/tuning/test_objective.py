@@ -53,7 +53,10 @@ def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
         "policy_kwargs.net_arch": {"choice": {"one": [4], "two": [4, 4]}},
         "env_kwargs.n_steps_lookahead": {"int": [0, 2]},
     }
-    config = small(Space(space))
+    saving = {"save_freq": 10, "save_path": str(tmp_path / "saved")}
+    judging = {"sb3_piano.callbacks.OnsetF1Callback": {"eval_freq": 5}}
+    callback = [judging, {"stable_baselines3.common.callbacks.CheckpointCallback": saving}]
+    config = small(Space(space), {"callback": callback})
     for trial in run(config, tmp_path, n_trials=2):
         used = RunFolder.open(tmp_path / "trials" / str(trial.number) / "seed_0").read_config()
         settings = config.space.settings(trial.params)
@@ -70,6 +73,9 @@ def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
         assert trial.user_attrs["folder"] == str(tmp_path / "trials" / str(trial.number))
         assert (tmp_path / f"trials/{trial.number}/seed_0/model.zip").is_file()
         assert not (tmp_path / f"trials/{trial.number}/seed_0/checkpoint").exists()
+        # Of the entry's callbacks those that evaluate are left out.
+        assert not (tmp_path / f"trials/{trial.number}/seed_0/best_onset_f1").exists()
+    assert len(list((tmp_path / "saved").iterdir())) == 4
 
 
 @pytest.mark.slow
@@ -150,13 +156,10 @@ HANDS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("entry", "n_envs", "count"), [({}, 4, 2), (HANDS, 2, 4)])
-def test_where_there_are_several_environments_or_agents_evaluations_are_as_many(
-    tmp_path, entry, n_envs, count
-):
-    entry = {**entry, "n_envs": n_envs, "n_timesteps": 80}
-    (trial,) = run(small(entry=entry, n_evaluations=count), tmp_path)
-    assert list(trial.intermediate_values) == [80 // count * n for n in range(1, count + 1)]
+@pytest.mark.parametrize("entry", [{"n_envs": 4}, {"n_envs": 2, **HANDS}])
+def test_where_there_are_several_environments_or_agents_evaluations_are_as_many(tmp_path, entry):
+    (trial,) = run(small(entry=entry), tmp_path)
+    assert list(trial.intermediate_values) == [20, 40]
 
 
 @pytest.mark.slow
@@ -167,16 +170,6 @@ def test_a_trial_ends_when_its_time_is_over(tmp_path):
     assert trial.user_attrs["steps"] < 1000
     assert len(trial.user_attrs["values"]) == 2
     assert list(trial.intermediate_values) == [100_000, 200_000]
-
-
-@pytest.mark.slow
-def test_the_entrys_own_evaluations_are_left_out_and_other_callbacks_stay(tmp_path):
-    video = "stable_baselines3.common.callbacks.CheckpointCallback"
-    saving = {video: {"save_freq": 10, "save_path": str(tmp_path / "saved")}}
-    judging = {"sb3_piano.callbacks.OnsetF1Callback": {"eval_freq": 5}}
-    run(small(entry={"callback": [judging, saving]}), tmp_path / "study")
-    assert not (tmp_path / "study/trials/0/seed_0/best_onset_f1").exists()
-    assert len(list((tmp_path / "saved").iterdir())) == 4
 
 
 @pytest.mark.slow
@@ -201,7 +194,7 @@ def test_a_trial_that_is_interrupted_has_no_value(tmp_path, when, monkeypatch, c
     def interrupted(*arguments):
         return dataclasses.replace(evaluate(*arguments), interrupted=True)
 
-    entry = small_study.wrapped(small_study.Interrupted, step=30) if when == "training" else {}
+    entry = {"env_wrapper": {"acting.AtStep": {"step": 30}}} if when == "training" else {}
     if when != "training":
         monkeypatch.setattr("sb3_piano.tuning.objective.evaluate", interrupted)
     study = optuna.create_study(direction="maximize")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import math
 import pickle
@@ -38,17 +39,6 @@ ENTRY = {"n_timesteps": 100, "policy": "MlpPolicy"}
 
 # Parameters.
 
-FORMS = [
-    {"float": [-0.3, 1e6]},
-    {"float": [1e-4, 1e-2], "log": True},
-    {"float": [-0.5, 0.25], "step": 0.05},
-    {"int": [-7, 8], "step": 3},
-    {"int": [1, 512], "log": True},
-    {"discount": [0.0, 0.999]},
-    {"choice": ["a", 2, 0.5, True, None, [64], {"pi": [64], "qf": []}]},
-    {"choice": {"small": [64], "large": {"pi": [256]}, "none": None}},
-]
-
 
 def parameter(value) -> Parameter:
     return parse_parameter("x", value)
@@ -61,7 +51,7 @@ def suggested(of, count=5):
     return [of.suggest(trial, "x") for trial in trials], study.trials
 
 
-@pytest.mark.parametrize("form", FORMS, ids=str)
+@tables("form", ids=str)
 def test_yaml_and_the_store_give_parameters_and_values_back(form):
     of, text = parameter(form), yaml.safe_dump(form, sort_keys=False)
     assert of.form == form
@@ -103,13 +93,6 @@ def test_a_discount_is_searched_evenly_in_the_logarithm_of_its_distance_from_1()
 @tables("form, value, stored")
 def test_a_range_stores_what_it_holds_however_that_is_written(form, value, stored):
     assert parameter(form).stored(value) == stored
-
-
-def test_numbers_that_pyyaml_reads_as_text_are_numbers():
-    read = yaml.safe_load("[{float: [1e-4, 1e-2], log: true}, {int: [1e0, 1e3]}]")
-    small, whole = (parameter(value) for value in read)
-    assert small.distribution == FloatDistribution(1e-4, 0.01, log=True)
-    assert whole.distribution == IntDistribution(1, 1000)
 
 
 def test_neither_what_a_trial_gets_nor_what_it_was_made_of_changes_a_choice():
@@ -220,10 +203,6 @@ def algorithm_of(name: str) -> str:
     return name if name in ALGORITHMS else "sac"
 
 
-def test_there_is_one_for_each_algorithm_of_the_presets_and_two_for_any():
-    assert {*PRESETS, "env", "reward"} == SPACES.keys()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SPACES)
 def test_every_setting_and_range_is_accepted_where_it_enters(name):
@@ -231,31 +210,25 @@ def test_every_setting_and_range_is_accepted_where_it_enters(name):
     check_space(SPACES[name], algo, DEBUG_IDS[1], load_entry(algo, DEBUG_IDS[1]))
 
 
-@pytest.mark.parametrize("env_id", [DEBUG_IDS[0], DEBUG_IDS[-1]])
-@pytest.mark.parametrize("name", SPACES)
-def test_the_settings_of_the_debug_presets_lie_inside(name, env_id):
+@pytest.mark.parametrize(
+    ("name", "env_id"),
+    [
+        *itertools.product(SPACES, (DEBUG_IDS[0], DEBUG_IDS[-1])),
+        *((name, "RoboPianist-v0") for name in ("td3", "sac", "tqc", "ddpg")),
+    ],
+)
+def test_the_settings_of_the_presets_lie_inside(name, env_id):
     algo, space = algorithm_of(name), SPACES[name]
     entry = load_entry(algo, env_id)
     params = space.params_of(algo, env_id, entry)
+    assert {*PRESETS, "env", "reward"} == SPACES.keys()
     assert params.keys() == space.distributions.keys()
     assert space.params_of(algo, env_id, with_settings(entry, space.settings(params))) == params
 
 
-@pytest.mark.parametrize("name", ["td3", "sac", "tqc", "ddpg"])
-def test_the_published_settings_lie_inside(name):
-    env_id, space = "RoboPianist-v0", SPACES[name]
-    settings = space.settings(space.params_of(name, env_id, load_entry(name, env_id)))
-    known = {"gamma": 0.8, "tau": 0.005, "policy_kwargs.net_arch": [256, 256, 256]}
-    assert {**settings, **known} == settings
-    assert {"learning_rate", "batch_size"} <= settings.keys()
-
-
-def test_batches_of_ppo_are_all_full():
+def test_batches_of_ppo_are_full_and_rewards_searched_around_their_defaults_but_for_the_unit():
     steps, batches = (SPACES["ppo"][name].extremes() for name in ("n_steps", "batch_size"))
     assert all(n % size == 0 for n in steps for size in batches)
-
-
-def test_rewards_are_searched_around_their_defaults_but_for_the_unit():
     prefix = "env_kwargs.reward_weights."
     terms = {name.removeprefix(prefix) for name in SPACES["reward"]}
     assert {"fingering"} <= terms <= DEFAULT_REWARD_WEIGHTS.keys() - {"key_press"}

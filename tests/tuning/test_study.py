@@ -43,31 +43,11 @@ def test_a_file_counts_by_its_content(option, tmp_path):
     assert here.identity() != there.identity()
 
 
-@pytest.mark.parametrize(
-    ("make", "setting", "message"),
-    [
-        (small_study, {"metric": "f2"}, "metric is 'f2': expected one of 'f1', 'onset_f1'"),
-        (
-            small_study,
-            {"objective": "last"},
-            "objective is 'last': expected one of 'final', 'best'",
-        ),
-        (small_study, {"seeds": ()}, "seeds are"),
-        (small_study, {"seeds": (1, 1)}, "seeds are"),
-        (small_study, {"seeds": (-1,)}, r"seeds\[0\] is -1: expected a whole number, 0 or more"),
-        (small_study, {"seeds": (3,), "eval_seed": 3}, "eval_seed is 3: expected one or more"),
-        (small_study, {"eval_episodes": 0}, "eval_episodes is 0"),
-        (small_study, {"n_evaluations": 41}, "n_evaluations is 41, in 40 steps"),
-        (small_study, {"minutes": 0.0}, "minutes is 0.0: expected a finite number above 0"),
-        (Search, {"sampler": "tpes"}, "sampler is 'tpes': expected one .* Did you mean 'tpe'?"),
-        (Search, {"pruner": "Median"}, "pruner is 'Median': expected .* Did you mean 'median'?"),
-        (Search, {"startup_trials": 0}, "startup_trials is 0: expected a whole number, 1 or more."),
-        (Search, {"seed": -1}, "seed is -1: expected a whole number, 0 or more."),
-    ],
-)
+@tables("make, setting, message")
 def test_a_setting_out_of_range_is_refused(make, setting, message):
+    setting = {k: tuple(v) if isinstance(v, list) else v for k, v in setting.items()}
     with pytest.raises(ConfigError, match=message):
-        make(**setting)
+        {"study": small_study, "search": Search}[make](**setting)
 
 
 # Samplers and pruners by name, on trials whose values are made up.

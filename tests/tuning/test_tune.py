@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import optuna
@@ -26,6 +25,7 @@ from small_study import (
     small_study,
     wrapped,
 )
+from waiting import wait_for
 from yaml_rows import Tables
 
 from sb3_piano.cli import main
@@ -75,13 +75,6 @@ def trials_of(url=None, folder=StudyFolder(Path("studies/study"))):  # noqa: B00
         return study.get_trials(), counting(study)
 
 
-def until(happened, seconds=120.0):
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end, "it never happened"
-        time.sleep(0.05)
-
-
 # A study that nobody disturbs.
 
 
@@ -101,7 +94,7 @@ def finished(tmp_path_factory):
     return folder, out.read_text()
 
 
-def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypatch):
+def test_two_workers_find_the_best_settings_and_tell_where_everything_is(finished, monkeypatch):
     folder, out = finished
     monkeypatch.chdir(folder)
     assert "studies/study, 3 trials, highest final f1 " in out
@@ -121,10 +114,8 @@ def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypat
         float(max(rows, key=lambda row: float(row["value"]))["gamma"])
         == (best.algorithm_kwargs["gamma"])
     )
-
-
-def test_two_workers_run_every_trial_once_the_first_with_the_presets_settings(finished):
-    folder = StudyFolder(finished[0] / "studies/study")
+    # Two workers have run every trial once, the first with the preset's settings.
+    folder = StudyFolder(Path("studies/study"))
     trials, _ = trials_of(folder=folder)
     assert [trial.state for trial in trials] == 3 * [TrialState.COMPLETE]
     assert trials[0].params == {"1 - gamma": 0.2, "tau": 0.005}
@@ -135,7 +126,7 @@ def test_two_workers_run_every_trial_once_the_first_with_the_presets_settings(fi
         run = RunFolder.open(folder.trial_dir(trial.number) / "seed_1")
         assert run.read_config().algorithm_kwargs["tau"] == trial.params["tau"]
     assert sorted(path.name for path in (folder.path / "trials").iterdir()) == list("012")
-    assert (finished[0] / "threads").read_text() == "1"  # as the workers share the cores
+    assert Path("threads").read_text() == "1"  # as the workers share the cores
     backend = optuna.storages.journal.JournalFileBackend(str(folder.journal_file))
     store = optuna.storages.JournalStorage(backend)  # Optuna by itself
     assert optuna.load_study(study_name="study", storage=store).best_value > 0
@@ -176,7 +167,7 @@ def run(*more, killed_parent=False):
         started += f"from sb3_piano.cli import main; sys.exit(main({options(*more)!r}))"
         done = subprocess.run([sys.executable, "-c", started], capture_output=True, check=False)
         assert done.returncode == -signal.SIGKILL, done.stderr
-        until(lambda: all(map(gone, pids_of_workers())), seconds=10)
+        wait_for(lambda: all(map(gone, pids_of_workers())), seconds=10)
     return main(options(*more))
 
 
@@ -215,7 +206,7 @@ def test_ctrl_c_ends_the_workers_and_the_same_command_goes_on(capsys):
     command = [sys.executable, "-m", "sb3_piano.cli", *given]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, start_new_session=True, **pipes) as process:
-        until(lambda: list(Path().glob("studies/*/trials/0/seed_0/monitor/*.csv")))
+        wait_for(lambda: list(Path().glob("studies/*/trials/0/seed_0/monitor/*.csv")))
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (130, "")

@@ -9,24 +9,27 @@ import socket
 import sys
 
 import pytest
+import torch
 from printed import rows_of
 from rich.console import Console
+from sb3_contrib import TQC
+from stable_baselines3 import SAC, TD3
 from yaml_rows import Tables
 
 import sb3_piano.lab.bench
 from sb3_piano.batch import PianoVectorEnv
 from sb3_piano.cli import main
-from sb3_piano.lab.bench import BenchReport, players, render, workloads
+from sb3_piano.lab.bench import BenchReport, render
 from sb3_piano.lab.bench.measurement import Row
 
 tables = Tables(__file__)
+
+CLASSES = {"sac": SAC, "td3": TD3, "tqc": TQC}
 
 
 @pytest.fixture(autouse=True)
 def _short(short, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(workloads, "UPDATES", 1)
-    monkeypatch.setattr(players, "PLANNED", 0.5)
 
 
 def row(name, value, part="simulation", unit="steps/s", ratios=None, **more):
@@ -42,8 +45,46 @@ def shown(*rows, peer=None):
     return capture.get().splitlines()
 
 
+@pytest.fixture
+def trained(monkeypatch):
+    """List of calls of ``train``: class, batch, observation, rows, precision, in our way or SB3's.
+
+    All are of one update.
+    """
+    heard = []
+    for kind in CLASSES.values():
+        real = kind.train
+
+        def train(model, gradient_steps, batch_size, real=real):
+            size, rows = model.observation_space.shape[0], model.replay_buffer.size()
+            precision = torch.get_float32_matmul_precision()
+            how = "ours" if "forward" in vars(model.critic) else "SB3's"
+            assert gradient_steps == 1
+            heard.append((type(model), batch_size, size, rows, precision, how))
+            real(model, gradient_steps=gradient_steps, batch_size=batch_size)
+
+        monkeypatch.setattr(kind, "train", train)
+    return heard
+
+
+def expected_updates():
+    """Return what is updated for each row of the learner's part: each preset, each observation."""
+    expected = {}
+    for algo, kind in CLASSES.items():
+        sizes = {"roll": 1124, "window": 584, "fingers": 130, "hands": 758}
+        for observation, size in sizes.items():
+            expected[f"{algo}, {observation}"] = (kind, 256, size, 4, "highest", "ours")
+        expected[f"{algo} for debug pieces"] = (kind, 128, 130, 4, "highest", "ours")
+        if algo == "sac":
+            for policy in ("DroQ", "SimBa", "mlp", "conv", "transformer"):
+                expected[f"sac, {policy}"] = (SAC, 256, 1124, 4, "highest", "ours")
+        expected[f"{algo}, roll, medium precision"] = (kind, 256, 1124, 4, "medium", "ours")
+        expected[f"{algo}, roll, SB3 alone"] = (kind, 256, 1124, 4, "highest", "SB3's")
+    return expected
+
+
 @pytest.mark.slow
-def test_all_parts_are_measured_in_their_order_printed_and_written(tmp_path, capsys):
+def test_all_parts_are_measured_in_their_order_printed_and_written(tmp_path, capsys, trained):
     assert main(["bench", "--rounds", "1", "--json", "result.json"]) == 0
     captured = capsys.readouterr()
     assert "RoboPianist-debug-CMajorScaleTwoHands-v0" in captured.out
@@ -60,6 +101,21 @@ def test_all_parts_are_measured_in_their_order_printed_and_written(tmp_path, cap
     assert [name for name, _ in medians] == [row["name"] for row in stored["rows"]]
     for (_, median), row in zip(medians, stored["rows"], strict=True):
         assert abs(median / row["value"] - 1) < 0.01
+    updates, ratios = expected_updates(), {row["name"]: row["ratios"] for row in stored["rows"]}
+    assert [row["name"] for row in stored["rows"] if row["part"] == "learner"] == list(updates)
+    both = [*updates.values(), *reversed(updates.values())]  # to warm up, and backwards
+    assert trained[: len(both)] == both
+    assert [*ratios["sac, roll"]] == []
+    assert [*ratios["sac, SimBa"]] == [*ratios["sac, hands"]] == ["x of sac, roll"]
+    learnt = [name for a in CLASSES for name in (a, f"{a} for debug pieces")]
+    assert [row["name"] for row in stored["rows"] if row["part"] == "training"] == learnt
+    kinds = [CLASSES[name[:3]] for name in (*learnt, *reversed(learnt)) for _ in range(3)]
+    assert [kind for kind, *_ in trained[len(both) :]] == kinds  # each step learns
+    for name in learnt:
+        parts = ("in the simulation", "in the learner", "elsewhere")
+        shares = [ratios[name][f"of the time {part}"] for part in parts]
+        assert min(shares) > 0
+        assert sum(shares) == pytest.approx(1)
 
 
 @pytest.mark.usefixtures("ctrl_c")

@@ -2,12 +2,11 @@
 
 import signal
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sb3_piano.lab.bench import playback, workloads
+from sb3_piano.lab.bench import workloads
 from sb3_piano.lab.bench.workloads import PEER_INSTALL, PeerError, open_peer
 
 ACTIONS = np.array([[0.5, -1.0], [0.25, 0.0]], dtype=np.float32)
@@ -48,43 +47,6 @@ def processes(monkeypatch):
 
     monkeypatch.setattr(workloads.subprocess, "Popen", popen)
     return started
-
-
-class Rebuilt:
-    """An environment that makes its physics anew with each reset, as dm_control's composer does."""
-
-    def __init__(self):
-        self.reset()
-
-    def reset(self):
-        data = SimpleNamespace(ctrl=np.zeros(2))
-        self.physics = SimpleNamespace(
-            data=data, model=SimpleNamespace(ptr=data), timestep=lambda: 0.005
-        )
-
-    def control_timestep(self):
-        return 0.05
-
-    def step(self, action):
-        self.physics.data.ctrl[:] = action
-
-
-def test_the_peers_physics_plays_what_its_environment_did(monkeypatch):
-    names = ("ObservationActionReward", "ConcatObservation", "SinglePrecision", "DmControl")
-    wrappers = {f"{name}Wrapper": lambda env: env for name in names}
-    wrappers |= {
-        "EpisodeStatisticsWrapper": lambda env, deque_size: env,
-        "CanonicalSpecWrapper": lambda env, clip: env,
-    }
-    suite = SimpleNamespace(load=lambda *_, **options: Rebuilt())
-    monkeypatch.setitem(sys.modules, "dm_env_wrappers", SimpleNamespace(**wrappers))
-    monkeypatch.setitem(sys.modules, "robopianist", SimpleNamespace(suite=suite))
-    monkeypatch.setitem(sys.modules, "robopianist.suite", suite)
-    env, inside, n_substeps = playback._robopianist("a piece")
-    controls = playback.record_controls(env, lambda: inside()[1].ctrl, ACTIONS)
-    np.testing.assert_array_equal(controls, ACTIONS)
-    assert n_substeps == 10
-    assert inside()[0] is env.physics.data
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.music.fingering.split import assign_hands
 
 DURATION = 12.0
-SEEDS = range(4)
+SEEDS = range(3)
 
 
 def generated(style: str, seed: int) -> Score:

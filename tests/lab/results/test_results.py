@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import platform
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,8 @@ def test_results_are_of_the_scores_and_the_network_that_the_package_has():
         assert digests == {digest(load_score(piece))}, piece
     digests = {r.player_sha256 for r in ALL_RESULTS if r.player.startswith("sight-reader")}
     assert digests == {player_digest("sight-reader")}
+    score = load_score("FurElise")  # whose digest does not depend on its title
+    assert digest(replace(score, title="another")) == digest(score) != digest(score.transpose(1))
 
 
 def test_the_commands_of_results_are_ones_that_there_are():
@@ -66,13 +69,6 @@ def test_the_commands_of_results_are_ones_that_there_are():
         assert program == "sb3-piano"
         given = parser.parse_args(renamed(arguments))
         assert (given.pieces, given.players) == ([found.piece], [found.player])
-
-
-def test_a_digest_changes_with_the_notes_and_not_with_the_title():
-    score = load_score("FurElise")
-    renamed = type(score)(notes=score.notes, pedals=score.pedals, title="another")
-    assert digest(renamed) == digest(score)
-    assert digest(score.transpose(1)) != digest(score)
 
 
 @tables("changes, message")
@@ -106,7 +102,7 @@ def test_a_file_of_another_kind_is_told_before_anything_is_played(tmp_path, caps
 
 def test_processes_that_write_one_file_keep_each_others_results(tmp_path):
     file, fork = tmp_path / "results.json", multiprocessing.get_context("fork")
-    names = [[f"{who}-{number}" for number in range(10)] for who in "abc"]
+    names = [[f"{who}-{number}" for number in range(5)] for who in "abc"]
 
     def add(pieces):
         for piece in pieces:
@@ -130,17 +126,11 @@ def test_a_result_that_came_into_the_file_while_others_are_measured_stays(tmp_pa
         yield result(piece="last")
 
     monkeypatch.setattr("sb3_piano.lab.commands.results._done", done)
+    Results(results=(result(piece="last", f1=[0.9, 0.9]),)).write(file)  # an older one goes
     assert main(["results", "measure", "--pieces", "scale-AMajor", "--out", str(file)]) == 0
-    assert [r.piece for r in Results.read(file).results] == ["another's", "first", "last"]
-
-
-def test_a_new_result_takes_the_place_of_the_old_one(tmp_path):
-    old = Results(results=(result(), result(player="sight-reader")))
-    merged = old.merged([result(f1=[0.9, 0.9])])
-    assert [r.player for r in merged.results] == ["planned", "sight-reader"]
-    assert merged.results[0].f1 == (0.9, 0.9)
-    merged.write(tmp_path / "results.json")
-    assert Results.read(tmp_path / "results.json") == merged
+    found = Results.read(file).results
+    assert [r.piece for r in found] == ["another's", "first", "last"]
+    assert {r.f1 for r in found} == {result().f1}
 
 
 def test_the_table_has_means_over_seeds_and_over_pieces_that_all_are_played():
@@ -219,29 +209,20 @@ def test_the_same_seed_draws_the_same_sample_and_long_pieces_as_likely_as_short_
     assert drawn(RESULTS, None, 0) == list(RESULTS)
 
 
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory):
-    """Return a file of a run and the sight-reader, each on a study, measured by the command."""
-    folder = tmp_path_factory.mktemp("results")
+@pytest.mark.slow
+def test_an_honest_file_holds_and_a_wrong_one_does_not(tmp_path, capsys):
+    measured = tmp_path / "results.json"
     command = ["results", "measure", "--pieces", "scale-AMajor", "--seeds", "0", "1"]
     command += ["--player", "sight-reader", f"sight-reader:model={SHIPPED}", "--physics", "fast"]
-    command += ["--noise", "0.01", "--workers", "1", "--out", str(folder / "results.json")]
+    command += ["--noise", "0.01", "--workers", "1", "--out", str(measured)]
     assert main(command) == 0
-    return folder / "results.json"
-
-
-def check(file, *options):
-    return main(["results", "check", str(file), "--all", "--workers", "1", *options])
-
-
-@pytest.mark.slow
-def test_an_honest_file_holds_and_a_wrong_one_does_not(measured, tmp_path, capsys):
     by_file, by_reader = sorted(Results.read(measured).results, key=lambda r: -len(r.player))
     assert by_file.f1 == by_reader.f1  # it is the same player, with the same noise
     assert len({*by_reader.f1, *by_reader.onset_f1}) > 2  # which differs from seed to seed
     file = tmp_path / "nearly.json"
     Results(results=(by_file, moved(by_reader, f1=-0.3, onset_f1=0.0))).write(file)
-    assert check(file) == 1
+    capsys.readouterr()
+    assert main(["results", "check", str(file), "--all", "--workers", "1"]) == 1
     out = capsys.readouterr().out
     assert "f1: claimed" in out
     assert "onset_f1" not in out
@@ -274,7 +255,8 @@ def test_means_may_differ_by_the_tolerance_and_three_standard_errors(monkeypatch
 @pytest.mark.slow
 def test_what_the_documentation_claims_of_a_short_piece_holds():
     short = next(r for r in RESULTS if r.piece == "repertoire-PathetiqueRondo")
-    assert checking.check(short).problems == ()
+    two = {name: getattr(short, name)[:2] for name in ("seeds", "f1", "onset_f1")}
+    assert checking.check(short.model_copy(update=two)).problems == ()
 
 
 def test_a_processor_is_known_by_its_model_and_its_instructions_for_arrays(monkeypatch):

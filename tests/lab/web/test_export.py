@@ -15,7 +15,7 @@ from yaml_rows import Tables
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, UnknownPieceError
-from sb3_piano.lab.web import export_web, score_table
+from sb3_piano.lab.web import export_web
 from sb3_piano.lab.web.export import _named, _naming
 from sb3_piano.lab.web.performances import plan_file, rounded, sight_read
 from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
@@ -93,11 +93,7 @@ def test_shapes_of_the_stage_are_those_of_videos(scene):
     first, all_faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
     corners = model.mesh_face[first : first + all_faces] + model.mesh_vertadr[mesh]
     np.testing.assert_array_equal(vertices[faces], model.mesh_vert[corners])
-
-
-def test_the_stage_shows_no_shape_that_videos_hide(scene):
-    stage, _ = stage_files(scene)
-    assert all(geom["rgba"][3] > 0 for geom in stage["geoms"])
+    assert all(geom["rgba"][3] > 0 for geom in stage["geoms"])  # what videos hide is not there
     bodies = {geom["body"] for geom in stage["geoms"]}
     assert {"world", "piano/white_key_0", "rh_shadow_hand/rh_ffdistal"} <= bodies
 
@@ -111,8 +107,9 @@ def test_an_export_has_all_that_its_catalogue_names(exported):
         assert (folder / piece[name]).stat().st_size > 0
     score = load_score(folder / piece["midi"])
     assert [note.pitch for note in score.notes] == [60, 64, 67, 72]
-    notes = json.loads((folder / piece["score"]).read_text())["notes"]
-    assert all(note["finger"] >= 0 for note in notes)
+    table = json.loads((folder / piece["score"]).read_text())
+    assert all(note["finger"] >= 0 and note["hand"] in (0, 1) for note in table["notes"])
+    assert table["duration"] == pytest.approx(score.duration)
     assert told[0] == ("A_broken_chord", 0, 2)
     assert told[-1] == ("", 2, 2)
 
@@ -172,23 +169,12 @@ def test_a_plan_in_a_file_is_followed_as_in_python():
         np.testing.assert_allclose(commands, whole.controls(step, positions), atol=5e-3)
 
 
-def test_a_score_keeps_what_the_page_needs():
-    score = score_of((0.1, 0.2, 60, 7), (1, 2, 62), title="two notes")
-    table = score_table(score)
-    assert table["duration"] == 2
-    assert [note["hand"] for note in table["notes"]] == [1, None]
-    assert [note["finger"] for note in table["notes"]] == [7, -1]
-
-
 def test_an_export_that_cannot_be_finished_has_no_catalogue(tmp_path):
     (tmp_path / "catalogue.json").write_text("{}")
     (tmp_path / "no.mid").write_bytes(b"no MIDI")
     with pytest.raises(Exception, match="no.mid"):
         export_web(tmp_path, [str(tmp_path / "no.mid")])
     assert not (tmp_path / "catalogue.json").exists()
-
-
-def test_what_cannot_be_exported_is_refused(tmp_path):
     with pytest.raises(UnknownPieceError, match="FurElisa"):
         export_web(tmp_path, "FurElisa")
     with pytest.raises(ConfigError, match="Two pieces are called 'A_broken_chord'"):

@@ -206,7 +206,7 @@ class TestFingers:
         ("make", "of"),
         [
             *((make, name) for make in (load_score, bare) for name in PIECES),
-            *((make, seed) for make in (partial(crowded, labels=True), few) for seed in range(20)),
+            *((make, seed) for make in (partial(crowded, labels=True), few) for seed in range(12)),
             *((partial(crowded, labels=False), seed) for seed in range(2)),
             *((generated, seed) for seed in range(5)),
             (doubled, 2),
@@ -260,7 +260,7 @@ class TestRoll:
         found = music("roll", score=score, controlTimestep=TIMESTEP, initialBufferTime=0)
         assert_same_roll(found, PianoRoll.from_score(score, TIMESTEP))
 
-    @pytest.mark.parametrize("of", [*PIECES, 0, 1, 2])
+    @pytest.mark.parametrize("of", [*PIECES[::2], 0, 1, 2])
     def test_hands_let_go_of_the_same_notes(self, music, of):
         chords = isinstance(of, int)
         score = finger_score(crowded(of, labels=True) if chords else load_score(of).transpose(1))
@@ -293,17 +293,7 @@ class TestPiece:
         problems = unheld(roll)
         assert len(problems) > 5
         assert found["warnings"] == [summary(problems)]
-
-    def test_fingers_of_a_file_are_changed_where_they_do_not_suit_the_hands(self, music):
-        score = crowded(6, labels=True)
-        found = music("piece", name="crowded", score=score)
-        played = apply_fingering(score, "robot", TIMESTEP).trim_silence()
-        assert found["score"]["notes"] == score_table(played)["notes"]
-
-    def test_nothing_is_said_of_a_piece_that_is_played_as_written(self, music):
-        score = load_score("debug-CMajorScaleOneHand")
-        found = music("piece", name="scale", score=score)
-        assert (found["score"], found["warnings"]) == (score_table(score.trim_silence()), [])
+        assert music("piece", name="scale", score=load_score(PIECES[-2]))["warnings"] == []
 
 
 class TestMetrics:

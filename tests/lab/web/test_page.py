@@ -97,9 +97,7 @@ def test_one_file_from_a_disk_plays_and_sounds_without_any_request(built, opened
     )
 
 
-@pytest.mark.parametrize(
-    ("piece", "player"), [(MELODY, "sight-reader"), (BROKEN_CHORD, "planned"), (MELODY, "recorded")]
-)
+@pytest.mark.parametrize(("piece", "player"), [(MELODY, "sight-reader"), (BROKEN_CHORD, "planned")])
 def test_players_play_as_they_do_in_python(built, tab, piece, player):
     metrics = tab.play_all(piece, player)
     expected = built.pieces[piece]["expected"][player]

@@ -95,7 +95,7 @@ def roll_arrays(roll):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.PlanWarning")  # of notes left out
-@pytest.mark.parametrize("piece", [*PARITY_PIECES, pytest.param(EDGES, id="edges")])
+@pytest.mark.parametrize("piece", [*PARITY_PIECES[::2], pytest.param(EDGES, id="edges")])
 def test_it_reads_observes_and_acts_as_in_python(reader, folder, piece, tmp_path):
     file = tmp_path / "states.safetensors"
     env, observed, acted = performed(piece, file, every=1 if piece is EDGES else 5)

@@ -1,26 +1,16 @@
 """The replay buffer on the device gives what SB3's own gives."""
 
-import functools
-
 import gymnasium as gym
 import numpy as np
 import pytest
-import torch
 from gymnasium import spaces
-from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_piano.batch import BatchedPiano, BatchVecEnv, DeviceReplayBuffer
+from sb3_piano.batch import DeviceReplayBuffer
 from sb3_piano.buffers.rows import buffer_rows
-from sb3_piano.music import Note, Score
-from sb3_piano.vec_env import HandsAsAgents
-from sb3_piano.wrappers import HandActions, HandReward
 
 SPACES = (spaces.Box(-8, 8, (3,)), spaces.Box(-2, 2, (1,)))  # those of a pendulum
-TWO_NOTES = Score(
-    notes=[Note(onset=0.2 * i, offset=0.2 * i + 0.1, pitch=60 + i, finger=i) for i in (0, 1)]
-)
 
 
 def filled(made, steps=7, n_envs=3):
@@ -72,24 +62,3 @@ def test_rows_are_saved_and_put_back():
 def test_what_it_has_not_is_refused():
     with pytest.raises(ValueError, match="no optimize_memory_usage"):
         DeviceReplayBuffer(12, *SPACES, optimize_memory_usage=True)
-
-
-def test_sac_learns_from_a_batch_with_hands_as_agents():
-    wrappers = (functools.partial(HandReward, guidance=1.0), HandActions)
-    options = {"physics": "fast", "observation": "hands", "wrappers": wrappers}
-    venv = HandsAsAgents(BatchVecEnv(BatchedPiano(4, TWO_NOTES, **options)))
-    model = SAC(
-        "MlpPolicy",
-        VecNormalize(venv, norm_reward=False),
-        replay_buffer_class=DeviceReplayBuffer,
-        policy_kwargs={"net_arch": [16]},
-        learning_starts=16,
-        buffer_size=800,
-        gradient_steps=2,
-        device="cpu",
-    )
-    before = model.actor.latent_pi[0].weight.clone()
-    model.learn(80)
-    assert not torch.equal(before, model.actor.latent_pi[0].weight)
-    assert model.replay_buffer.pos == 10
-    assert len(model.ep_info_buffer) > 0

@@ -127,12 +127,6 @@ def play(env, episodes=4, seed=7):
     return np.array(observations), rewards
 
 
-def assert_equal_playing(first, second):
-    (observations, rewards), (others, other_rewards) = play(first), play(second)
-    np.testing.assert_array_equal(observations, others)
-    assert rewards == other_rewards
-
-
 def test_no_wrapper_is_left_out():
     named = [getattr(sb3_piano.wrappers, name) for name in sb3_piano.wrappers.__all__]
     kinds = {kind for kind in named if isinstance(kind, type) and issubclass(kind, gym.Wrapper)}
@@ -163,33 +157,27 @@ def test_it_works_with_one_hand(stack, side):
 
 
 @pytest.mark.slow
-def test_the_seed_decides_everything_in_one_environment_and_in_a_new_one(stack, env):
-    assert_equal_playing(env, stack(piano()))
-    env.unwrapped.total_steps = 0  # for schedules, which go on
-    assert_equal_playing(env, stack(piano()))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_goes_on_like_the_original(env, clone):
+def test_equal_seeds_play_alike_in_it_again_in_copies_and_in_what_the_spec_makes(stack, env):
+    observations, rewards = play(env)
+    made = gym.make(env.spec)
+    assert [type(layer) for layer in layers(made)] == [type(layer) for layer in layers(env)]
+    assert made.observation_space == env.observation_space
     env.reset(seed=1)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
     for _ in range(2):
         env.step(action)
-    twin = clone(env)
-    assert twin.unwrapped is not env.unwrapped
-    (following, reward, *_), (of_twin, its_reward, *_) = env.step(action), twin.step(action)
-    np.testing.assert_array_equal(following, of_twin)
-    assert reward == its_reward
-    assert_equal_playing(env, twin)
-
-
-@pytest.mark.slow
-def test_the_spec_makes_the_same_stack_again(env):
-    made = gym.make(env.spec)
-    assert [type(layer) for layer in layers(made)] == [type(layer) for layer in layers(env)]
-    assert made.observation_space == env.observation_space
-    assert_equal_playing(env, made)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    following, reward, *_ = env.step(action)
+    for twin in copies:  # which go on from where it was
+        assert twin.unwrapped is not env.unwrapped
+        of_twin, its_reward, *_ = twin.step(action)
+        np.testing.assert_array_equal(following, of_twin)
+        assert reward == its_reward
+    for other in (env, made, *copies):
+        other.unwrapped.total_steps = 0  # for schedules, which go on
+        of_other, its_rewards = play(other)
+        np.testing.assert_array_equal(observations, of_other)
+        assert rewards == its_rewards
 
 
 @pytest.mark.slow

@@ -363,14 +363,3 @@ class TestPossibleScores:
         inner = Excerpt(TemporalStretch(piano(six), 2, probability=0.5), length=2)
         assert max(score.pitch_range[1] for score in possible_scores(inner)) == 61
         assert six not in possible_scores(PitchShift(piano(six), 3))
-
-    def test_of_a_part_of_what_is_drawn_all_notes_count(self):
-        six = melody(60, 61, 62, 63, 64, 65, length=1.0)
-        part = PitchShift(Excerpt(piano(six), start=0, length=1), 2)
-        for env in (
-            TemporalStretch(part, [0.5, 2]),
-            TemporalStretch(part, 2, probability=0.5),
-            Excerpt(part, start="random", length=2),
-        ):
-            pitches = {note.pitch for score in possible_scores(env) for note in score.notes}
-            assert pitches == {*range(62, 68)}

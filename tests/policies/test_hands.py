@@ -4,11 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from gymnasium.envs.registration import EnvSpec
 from sb3_contrib import TQC
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
-from torch import nn
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies import (
@@ -21,8 +19,7 @@ from sb3_piano.policies import (
     load_hand_weights,
     set_standardization,
 )
-from sb3_piano.policies.hand_network import CLIP, HandHead, Standardize
-from sb3_piano.training import load_config, train
+from sb3_piano.policies.hand_network import CLIP, Standardize
 
 N, M = 12, 4
 MODELS = {"sac": SAC, "td3": TD3, "tqc": TQC, "ppo": PPO}
@@ -199,34 +196,6 @@ def test_critics_may_learn_faster_than_the_actor(name, tmp_path):
 
 def _moved(now, before):
     return (now.detach() - before).abs().max().item()
-
-
-YAML = """
-Reach-v0:
-  policy: sb3_piano.policies.{policy}
-  n_timesteps: 128
-  device: cpu
-  {settings}
-  policy_kwargs:
-    n_hands: 2
-    net_arch: {{pi: [16], qf: [16], vf: [16]}}
-    activation_fn: torch.nn.SiLU
-"""
-
-
-@each
-def test_settings_in_a_file_train_it(name, tmp_path, monkeypatch):
-    monkeypatch.setitem(gym.registry, "Reach-v0", EnvSpec("Reach-v0", entry_point=Reach))
-    settings = "n_steps: 64" if name == "ppo" else "buffer_size: 500"
-    text = YAML.format(policy=POLICIES[name].__name__, settings=settings)
-    (tmp_path / "settings.yml").write_text(text)
-    config = load_config(name, "Reach-v0", tmp_path / "settings.yml", seed=0)
-    result = train(config, tmp_path / "run", progress_bar=False)
-    loaded = MODELS[name].load(result.folder.model_file)
-    assert isinstance(loaded.policy, POLICIES[name])
-    assert any(isinstance(part, nn.SiLU) for part in loaded.policy.modules())
-    heads = [part for part in loaded.policy.modules() if isinstance(part, HandHead)]
-    assert {(head.in_features, head.out_features) for head in heads} == {(16 + N, M)}
 
 
 def test_spaces_and_noise_that_do_not_fit_are_refused():

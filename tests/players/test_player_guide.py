@@ -71,24 +71,6 @@ def test_a_player_that_searches_itself_looks_ahead_to_the_end_of_the_piece():
     assert "f1" in play_episode(env, TreeSearch(player, env, TreeSettings(simulations=6, depth=3)))
 
 
-def test_strikes_are_counted_anew_where_the_search_goes_back():
-    env = piano(reward_weights={"strike": 1.0})
-    player = SightReader(env)
-    observation, _ = env.reset(seed=0)
-    moments, rewards, actions, strikes = [], [], [], []
-    for _ in range(len(env.roll)):
-        moments.append(env.snapshot())
-        actions.append(player.predict(observation)[0])
-        observation, reward, *_, info = env.step(actions[-1])
-        rewards.append(reward)
-        strikes.append(info["reward_terms"]["strike"])
-    assert max(strikes) >= 1.0  # in time
-    for moment, action, reward in list(zip(moments, actions, rewards, strict=True))[::-1]:
-        for _ in range(2):
-            env.go_back(moment)
-            assert env.step(action)[1] == reward
-
-
 def test_a_control_step_is_worth_what_is_heard():
     env = piano()
     env.reset(seed=0)

@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.metrics.losses import Losses
 from sb3_piano.music import load_score
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -52,19 +51,6 @@ def test_what_is_in_the_file_is_not_measured_again(table, tmp_path, monkeypatch)
         table.complete(path, [("hanon-02", "zero")], jobs=1)
 
 
-def test_losses_are_shares_of_the_frames_that_are_due(table, capsys):
-    due = {"all": {"sounding": 6, "never": 1, "early": 1}, "thumb": {"never": 1}}
-    shares = table.losses(Losses(due=due, wrong={"all": {"neighbour": 2}}))
-    assert shares["never"] == shares["early"] == "0.1250"
-    assert shares["neighbour"] == "0.2500"
-    assert shares["late"] == shares["other"] == "0.0000"
-    rows = [row(table, "repertoire-FurElise", "planned", **shares)]
-    old = {"piece": "repertoire-OdeToJoy", "column": "planned", "f1": "0.9", "onset_f1": "0.9"}
-    table.print_losses({(r["piece"], r["column"]): r for r in [*rows, old]}, ["planned"])
-    *_, line = capsys.readouterr().out.splitlines()
-    assert line.startswith("| FurElise | planned | **0.500** / 0.500 | 12.5 | 0.0 | 12.5 |")
-
-
 def test_means_are_over_pieces_that_all_columns_have(table, capsys):
     rows = [
         row(table, "repertoire-FurElise", "planned", f1="0.4", cpu="2"),
@@ -103,15 +89,6 @@ def scale():
 
 def test_the_table_of_the_page_is_what_the_script_computes(scale):
     assert f"\n{scale.table()}\n" in (DOCS / "at_scale.md").read_text(encoding="utf-8")
-
-
-def test_jobs_run_in_waves_and_what_comes_after_has_no_more_cores_than_it_can_use(scale):
-    experiment = scale.Experiment("five", jobs=5, job=10.0, after=60.0, after_cores=2)
-    assert experiment.seconds(machines=1, cores=2) == 3 * 10 + 30
-    assert experiment.seconds(machines=2, cores=2) == 2 * 10 + 30
-    assert experiment.seconds(machines=100, cores=16) == 10 + 30
-    times = {90: "2 min", 2 * 3600: "2.0 h", 40 * 3600: "40 h", 50 * 3600: "2.1 days"}
-    assert {seconds: scale.in_words(seconds) for seconds in times} == times
 
 
 # The benchmark of learning curves.

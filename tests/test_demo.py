@@ -42,16 +42,6 @@ def test_a_folder_with_the_runs_of_a_demo_is_refused_and_stays_as_it_is(demo, tm
 
 
 @pytest.mark.slow
-def test_without_steps_of_sac_it_ends_with_the_clone(demo, tmp_path):
-    *_, last = demo(steps=0).splitlines()
-    assert last.startswith("| cloned ")
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "piece.mid",
-        "cloned",
-    }
-
-
-@pytest.mark.slow
 def test_it_judges_each_step_and_leaves_video_and_report(demo, tmp_path):
     scores = dict(re.findall(r"\| (\w+) +\| (\d\.\d+)", demo(steps=140)))
     assert list(scores) == ["resting", "planned", "cloned", "trained"]

@@ -27,12 +27,13 @@ def driver(monkeypatch):
 def test_a_chain_trains_each_stage_from_the_one_before_and_is_kept(driver, tmp_path):
     transfer = driver("transfer")
     assert transfer.PIECES == ("TwinkleTwinkle", "Reverie", "ClairDeLune", "MapleLeafRag")
-    chain = transfer.Chain("alone", ("TwinkleTwinkle",) * 2, seed=3, runs=tmp_path, steps=32)
+    piece = "CMajorChordProgressionTwoHands"
+    chain = transfer.Chain("alone", (piece, piece), seed=3, runs=tmp_path, steps=32)
     name, found = transfer.trained(chain)
     assert name == "alone"
-    assert list(found) == [("TwinkleTwinkle", 1), ("TwinkleTwinkle", 2)]
+    assert list(found) == [(piece, 1), (piece, 2)]
     assert all({*transfer.COLUMNS} <= {*metrics} for metrics in found.values())
-    runs = [tmp_path / "alone_seed_3" / f"{number}_TwinkleTwinkle" for number in (1, 2)]
+    runs = [tmp_path / "alone_seed_3" / f"{number}_{piece}" for number in (1, 2)]
     first, second = (Checkpoint.read(run / "checkpoint").num_timesteps for run in runs)
     assert first == 32
     assert second == 256  # what starts from a run fills a batch with it before it learns
@@ -40,11 +41,11 @@ def test_a_chain_trains_each_stage_from_the_one_before_and_is_kept(driver, tmp_p
     written = [(run / "model.zip").stat().st_mtime_ns for run in runs]
     assert transfer.trained(chain) == (name, found)
     assert [(run / "model.zip").stat().st_mtime_ns for run in runs] == written
-    anew = dataclasses.replace(chain, name="anew", pieces=("Reverie",), start=runs[1])
-    assert list(transfer.trained(anew)[1]) == [("Reverie", 1)]
+    anew = dataclasses.replace(chain, name="anew", pieces=(piece,), start=runs[1])
+    assert list(transfer.trained(anew)[1]) == [(piece, 1)]
     (start,) = (
         plugin.kwargs
-        for plugin in RunFolder(tmp_path / "anew_seed_3" / "1_Reverie").read_config().callback
+        for plugin in RunFolder(tmp_path / "anew_seed_3" / f"1_{piece}").read_config().callback
         if plugin.is_a(StartFromRun)
     )
     assert start == {"run": str(runs[1]), "with_entropy": False}

@@ -82,7 +82,9 @@ def test_replay_buffers_lie_on_the_device_unless_another_kind_is_named(piece):
 @pytest.mark.parametrize("algo", ["sac", "td3", "ppo"])
 def test_presets_for_batches_train_both_hands(algo, piece, tmp_path):
     own = load_config(algo, "RoboPianist-v0", "batched", n_timesteps=32, n_envs=2, callback=[])
-    arguments = {**own.algorithm_kwargs, "batch_size": 8}
+    small = {"net_arch": {"pi": [8], "qf": [8], "vf": [8]}}
+    network = {**own.algorithm_kwargs["policy_kwargs"], **small}
+    arguments = {**own.algorithm_kwargs, "batch_size": 8, "policy_kwargs": network}
     arguments |= {"n_steps": 4} if algo == "ppo" else {"learning_starts": 4, "buffer_size": 80}
     made = own.in_env(score=piece, physics="fast")
     made = RunConfig(**{**made.to_mapping(), "algorithm_kwargs": arguments})

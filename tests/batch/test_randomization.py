@@ -43,8 +43,10 @@ def played(env, seed=None):
     return rows
 
 
-@pytest.mark.parametrize("changed", [*FIXED, "every"])
-@pytest.mark.parametrize("wrappers", [(), (HandActions, HandReward)])
+@pytest.mark.parametrize(
+    ("changed", "wrappers"),
+    [*((name, ()) for name in FIXED), ("every", (HandActions, HandReward))],
+)
 def test_a_batch_plays_under_the_conditions_of_one_environment(changed, wrappers):
     options = {**FAST, "observation": "hands" if wrappers else "fingers"}
     conditions = FIXED if changed == "every" else {changed: FIXED[changed]}

@@ -19,6 +19,7 @@ from sb3_piano.players.planned import PlannedPianist
 
 # A leap there and back, which costs the plan some frames.
 SCORE = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1), (0.5, 0.75, 60, 0))
+SHORT = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1))
 C_MAJOR = (72, 71, 69, 67, 65, 64, 62, 60)
 OTHER = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1), (0.5, 0.75, 62, 0))
 SETTINGS = PlanSettings(rounds=2, iterations=6)
@@ -184,7 +185,7 @@ def test_whoever_stops_it_keeps_the_best(made, env):
     ids=str,
 )
 def test_one_hand_fewer_joints_and_forearms_that_turn_are_refined_too(options):
-    env = stage(**options)
+    env = stage(SHORT, **options)
     with refinement(planned(env), env) as searching:
         before = searching.f1
         searching.run(passes=1)

@@ -57,8 +57,10 @@ def assert_same_step(one, other):
     assert one[1:4] == other[1:4]
 
 
-@pytest.mark.parametrize("make", [piano, labelled, wrapped, corrected])
-@pytest.mark.parametrize("physics", ["reference", "fast"])
+@pytest.mark.parametrize(
+    ("make", "physics"),
+    [(piano, "reference"), (labelled, "fast"), (wrapped, "fast"), (corrected, "reference")],
+)
 def test_a_step_in_the_tree_is_the_step_that_a_fresh_replay_makes(make, physics):
     """However deep: the paper asks for 1e-5 in reward, observation and end; these are equal."""
     env = make(physics=physics)

@@ -29,13 +29,13 @@ POLICIES = {
     "tqc": HandsTQCPolicy,
     "ppo": HandsActorCriticPolicy,
 }
-COLLECTING = {"learning_starts": 20, "buffer_size": 500}
+COLLECTING = {"learning_starts": 8, "buffer_size": 500}
 NOISE = NormalActionNoise(np.zeros(2 * M), np.full(2 * M, 0.1))
 OF_ALGORITHM = {
     "sac": COLLECTING,
     "tqc": COLLECTING,
     "td3": {**COLLECTING, "action_noise": NOISE},
-    "ppo": {"n_steps": 64, "batch_size": 32},
+    "ppo": {"n_steps": 32, "batch_size": 32},
 }
 SMALL = {"pi": [16, 8], "qf": [16], "vf": [16]}
 each = pytest.mark.parametrize(
@@ -109,14 +109,14 @@ def test_it_learns_is_the_same_after_loading_and_learns_on(name, tmp_path):
         optimised = [p for group in part.optimizer.param_groups for p in group["params"]]
         assert {id(p) for p in optimised} == {id(p) for p in part.parameters()}
     before = hand_weights(model.policy)
-    model.learn(64)
+    model.learn(32)
     for part, tensor in hand_weights(model.policy).items():
         assert torch.equal(tensor, before[part]) == part.startswith("standardize."), part
     set_standardization(model.policy, np.full(N, 0.3), np.full(N, 2.0))
     model.save(tmp_path / "model.zip")
     loaded = MODELS[name].load(tmp_path / "model.zip", env=Reach())
     np.testing.assert_array_equal(acted(loaded), acted(model))
-    loaded.learn(32, reset_num_timesteps=False)
+    loaded.learn(12, reset_num_timesteps=False)
     assert np.abs(acted(loaded) - acted(model)).max() > 0
     model.policy.save(tmp_path / "policy.pt")
     alone = POLICIES[name].load(tmp_path / "policy.pt")
@@ -126,7 +126,7 @@ def test_it_learns_is_the_same_after_loading_and_learns_on(name, tmp_path):
 @each
 def test_one_hand_s_weights_play_both_hands(name):
     one = make("ppo", hands=1)
-    one.learn(128)
+    one.learn(32)
     seen = observations()
     both = make(name)
     load_hand_weights(both.policy, hand_weights(one.policy))
@@ -168,7 +168,7 @@ def test_exploration_is_small_at_first_and_learnt(name):
     np.testing.assert_allclose(spread, np.exp(-3.0), rtol=0.1)
     log_std = model.actor.log_std.values if name == "sac" else model.policy.log_std
     before = log_std.detach().clone()
-    model.learn(40)
+    model.learn(32)
     assert not torch.equal(log_std, before)
 
 
@@ -179,11 +179,11 @@ def test_critics_may_learn_faster_than_the_actor(name, tmp_path):
     model.policy.save(tmp_path / "policy.pt")
     assert POLICIES[name].load(tmp_path / "policy.pt").critic_lr_scale == scale
     if name == "ppo":
-        model.n_epochs, model.batch_size = 1, 64
+        model.n_epochs = 1
     else:
-        model.learning_starts, model.policy_delay = 62, 1
+        model.learning_starts, model.policy_delay = 30, 1
     before = {part: p.detach().clone() for part, p in model.policy.named_parameters()}
-    model.learn(64 if name == "ppo" else 63)  # one update
+    model.learn(32 if name == "ppo" else 31)  # one update
     optimizer = (model.policy if name == "ppo" else model.critic).optimizer
     assert {group["lr"] for group in optimizer.param_groups} == {model.learning_rate}, "as before"
     moved = {part: _moved(p, before[part]) for part, p in model.policy.named_parameters()}
@@ -257,7 +257,7 @@ def test_the_actor_waits_until_the_critic_has_learnt(name):
     before = acted(model)
     critic = model.policy.value_net if name == "ppo" else model.policy.critic
     start = torch.nn.utils.parameters_to_vector(critic.parameters()).clone()
-    model.learn(64)
+    model.learn(32)
     np.testing.assert_array_equal(acted(model), before)
     assert not torch.equal(torch.nn.utils.parameters_to_vector(critic.parameters()), start)
 
@@ -266,7 +266,7 @@ def test_the_actor_waits_until_the_critic_has_learnt(name):
 def test_actions_may_be_exactly_0_at_first(name, tmp_path):
     model = make(name, zero_start=True)
     assert (acted(model) == 0).all()
-    model.learn(64)
+    model.learn(32)
     assert (acted(model) != 0).all()
     model.save(tmp_path / "model.zip")
     loaded = MODELS[name].load(tmp_path / "model.zip")

@@ -162,7 +162,7 @@ def test_guidance_is_what_the_piano_s_own_terms_say_of_the_hand_that_has_to_play
         piano = PianoEnv(score, observation="hands", **OPTIONS, **options)
         return HandReward(piano, strikes=0.0, guidance=guidance, fingering=fingering)
 
-    for goal_time, weight in (("beginning", 1.0), ("end", 1.0), ("end", 0.0), ("end", 0.25)):
+    for goal_time, weight in (("beginning", 1.0), ("end", 0.25)):
         guided = env(2.0, weight, goal_time=goal_time)
         plain = env(0.0, weight, goal_time=goal_time)
         bare = guided.unwrapped

@@ -6,7 +6,7 @@ from collections import Counter
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
 from random_scores import FINGERS, scores
@@ -27,6 +27,7 @@ def shifts(env, score, count):
 
 
 class TestFixedShift:
+    @settings(max_examples=20)
     @given(score=scores(FINGERS), data=st.data(), octaves=st.integers(-3, 4))
     def test_a_shift_and_its_opposite_play_the_piece_itself(self, score, data, octaves):
         low, high = score.pitch_range
@@ -63,15 +64,13 @@ class TestDrawnShift:
             assert set(shifts(kind(env, steps), score, 100)) == {*drawn}
 
 
-FACTORS = st.floats(0.1, 10.0)
-
-
 def factors(env, count, *, seed=0):
     random, score = np.random.default_rng(seed), melody(60)
     return [env.change(score, random).duration for _ in range(count)]
 
 
-@given(score=scores(FINGERS), factor=FACTORS)
+@settings(max_examples=20)
+@given(score=scores(FINGERS), factor=st.floats(0.1, 10.0))
 def test_a_piece_is_stretched_with_its_pedals_and_bars(score, factor):
     slow, expected = (
         played(TemporalStretch(piano(melody(60)), factor), score=score),
@@ -80,10 +79,9 @@ def test_a_piece_is_stretched_with_its_pedals_and_bars(score, factor):
     assert (slow, slow.bars) == (expected, expected.bars)
 
 
-@given(inner=FACTORS, outer=FACTORS)
-def test_factors_of_a_stack_multiply(inner, outer):
-    env = TemporalStretch(TemporalStretch(piano(melody(60, 62)), inner), outer)
-    assert played(env).duration == pytest.approx(2 * inner * outer)
+def test_factors_of_a_stack_multiply():
+    env = TemporalStretch(TemporalStretch(piano(melody(60, 62)), 0.3), 5)
+    assert played(env).duration == pytest.approx(2 * 0.3 * 5)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import json
 import runpy
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score
@@ -96,16 +96,7 @@ def test_the_table_of_the_page_is_what_the_script_computes(scale):
 
 learning = runpy.run_path(str(BENCHMARKS / "learning.py"))
 
-STUDY = {
-    "minutes": 0.002,
-    "every": 20,
-    "seeds": [0, 1],
-    "envs": ["RoboPianist-debug-CMajorScaleOneHand-v0"],
-    "variants": {
-        "strikes": {"settings": {"env_kwargs": {"reward_weights": {"strike": 0.5}}}},
-        "published": {"algo": "td3", "published": True},
-    },
-}
+STUDY = Tables(__file__)["study"]
 
 
 @pytest.mark.parametrize(
@@ -113,8 +104,8 @@ STUDY = {
 )
 def test_the_studies_of_the_repository_have_valid_settings(file, tmp_path):
     study = learning["Study"].from_yaml(file, tmp_path)
-    for name, piece, seed in study.cells():
-        variant = study.variants[name]
+    piece, seed = study.pieces[0], 1
+    for variant in study.variants.values():
         if "{piece}" in (variant.player or ""):  # a run that a user makes first
             with pytest.raises(ConfigError, match=f"clones/{piece.name}/cloned"):
                 variant.config(piece, seed)
@@ -145,19 +136,6 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     assert (out / "curves.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
-def test_a_training_ends_after_the_steps_of_its_settings(tmp_path):
-    given = {"n_timesteps": 20, "learning_starts": 100}
-    variants = {"brief": {"settings": given}}
-    file = tmp_path / "study.yml"
-    file.write_text(yaml.safe_dump({**STUDY, "minutes": 0.1, "seeds": [0], "variants": variants}))
-    study = learning["Study"].from_yaml(file, tmp_path)
-    made = tmp_path / "rows.jsonl"
-    learning["run"](study.variants["brief"], study.pieces[0], 0, study, made)
-    last = json.loads(made.read_text().splitlines()[-1])
-    assert last["steps"] == 20
-
-
 def test_a_study_takes_the_first_seconds_of_its_pieces_and_reports_what_has_ended(tmp_path, capsys):
     file = tmp_path / "study.yml"
     file.write_text(yaml.safe_dump({**STUDY, "pieces": ["FurElise"], "seconds": 3}))
@@ -172,17 +150,3 @@ def test_a_study_takes_the_first_seconds_of_its_pieces_and_reports_what_has_ende
     with pytest.raises(SystemExit):
         learning["main"]([str(file), "--out", str(tmp_path / "out"), "--report"])
     assert "expected one that has ended" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_evaluations_normalise_as_the_training_does(tmp_path):
-    settings = {"normalize": {"norm_reward": False}, "learning_starts": 10**6}
-    piece = learning["Piece"](env_id="RoboPianist-debug-CMajorScaleOneHand-v0")
-    config = learning["Variant"](settings=settings).config(piece, 0)
-    model = learning["build_model"](config, learning["build_vec_env"](config))
-    callback = learning["TimedEvaluation"](config, 10**6, 60.0, tmp_path / "rows.jsonl")
-    model.learn(30, callback=callback)
-    callback.evaluate()
-    learnt, used = model.get_vec_normalize_env().obs_rms, callback.venv.obs_rms
-    assert learnt.count == used.count == pytest.approx(31, abs=1)
-    np.testing.assert_array_equal(used.mean, learnt.mean)

@@ -4,7 +4,6 @@ import importlib.util
 import json
 import shutil
 import sys
-import types
 from pathlib import Path
 from statistics import fmean
 
@@ -89,26 +88,6 @@ def script(name, monkeypatch, folder=FOLDER):
     monkeypatch.setitem(sys.modules, name, module)
     spec.loader.exec_module(module)
     return module
-
-
-def test_a_run_that_went_on_is_judged_again(tmp_path, monkeypatch):
-    script("cells", monkeypatch)
-    run = script("run", monkeypatch)
-    steps, judged = 100, []
-
-    class Judged(types.SimpleNamespace):
-        def write_json(self, file):
-            file.write_text(json.dumps({"evaluations": [vars(one) for one in self.evaluations]}))
-
-    def evaluate_runs(folders, scores):
-        judged.append(steps)
-        one = types.SimpleNamespace(piece="a", mean={"f1": 0.5}, num_timesteps=steps)
-        return Judged(interrupted=False, failures=(), evaluations=(one,))
-
-    monkeypatch.setattr(run, "evaluate_runs", evaluate_runs)
-    for steps in (100, 100, 200, 200):
-        run.evaluate(tmp_path, ["a"], steps)
-    assert judged == [100, 200]
 
 
 def test_nothing_starts_from_a_training_that_is_not_at_its_end(tmp_path, monkeypatch):

@@ -85,7 +85,7 @@ OPTIONS = [
 def test_observations_rewards_and_metrics_are_those_of_single_environments(options):
     """Of whole episodes; in those of five fingers to their ends, many keys are struck."""
     options = {"wrappers": (), "scores": SCORES, **FAST, **options}
-    wrappers, scores, count = options.pop("wrappers"), options.pop("scores"), 4
+    wrappers, scores, count = options.pop("wrappers"), options.pop("scores"), 3
     envs = single_envs(count, scores, wrappers, options)
     batch = BatchedPiano(count, scores, wrappers=wrappers, n_threads=1, **options)
     first = np.stack([env.reset()[0] for env in envs])

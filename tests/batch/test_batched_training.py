@@ -60,7 +60,7 @@ def test_equal_seeds_train_equal_models(piece, tmp_path):
 
 def test_each_of_several_pieces_is_played(piece):
     several = {"env_kwargs": {"physics": "fast", "hands_in_scene": "none"}}
-    several |= {"env_id": "RoboPianist-v0", "pieces": [piece, "scale-CMajor"]}
+    several |= {"env_id": "RoboPianist-v0", "pieces": [piece, "CMajorChordProgressionTwoHands"]}
     venv = build_vec_env(config(piece, **several))
     assert len(venv.batch.pieces.goals) == 2
     venv.reset()

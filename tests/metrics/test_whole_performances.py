@@ -71,15 +71,6 @@ def test_perfect_playing():
     assert metrics == pytest.approx(dict.fromkeys(EPISODE_METRICS[:-1], 1.0) | others)
 
 
-def test_silence():
-    """Only the 4 silent steps of 12 are right; nothing was struck, so nothing was struck wrong."""
-    metrics = judge(DUE, played([], STEPS))
-    assert_scores(metrics, precision=1.0, recall=4 / 12, f1=4 / 12, noop_f1=4 / 12)
-    assert_scores(metrics, onset_precision=1.0, onset_recall=0.0, onset_f1=0.0, non_silent_f1=0.0)
-    assert_scores(metrics, wrong_presses_per_second=0.0, effective_fingers=0.0)
-    assert_scores(metrics, fingering_agreement=1.0, **dict.fromkeys(FINGER_SHARES, 0.0))
-
-
 def test_all_keys_at_once():
     """All 88 keys are struck at 0 s and held.
 

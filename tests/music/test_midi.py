@@ -150,25 +150,20 @@ class TestWriting:
         assert list(tmp_path.iterdir()) == []
 
 
-def test_the_pedal_acts_on_the_notes_of_every_track(tmp_path):
-    notes = [Note(onset=0.0, offset=0.5, pitch=60 + f, finger=f) for f in (0, 3, 7)]
-    write_midi(Score(notes=notes, pedals=[Pedal(onset=0.1, offset=1.0)]), tmp_path / "piece.mid")
-    tracks = pretty_midi.PrettyMIDI(str(tmp_path / "piece.mid")).instruments
-    assert [track.name for track in tracks] == ["R1", "R4", "L3"]
-    for track in tracks:
-        assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
-    (pedal,) = read_midi(tmp_path / "piece.mid").pedals
-    assert (pedal.onset, pedal.offset) == pytest.approx((0.1, 1.0))
-
-
-def test_a_performance_is_one_track_with_one_pedal(tmp_path):
+def test_the_pedal_acts_on_every_track_and_a_performance_is_one_track(tmp_path):
     notes = [Note(onset=0.0, offset=0.5, pitch=60 + f, finger=f) for f in (0, 3, 7)]
     score = Score(notes=notes, pedals=[Pedal(onset=0.1, offset=1.0)])
-    write_midi(score, tmp_path / "played.mid", by_finger=False)
-    (track,) = pretty_midi.PrettyMIDI(str(tmp_path / "played.mid")).instruments
-    assert (track.name, len(track.notes)) == ("Piano", 3)
-    assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
-    assert [n.finger for n in read_midi(tmp_path / "played.mid").notes] == [-1, -1, -1]
+    path = tmp_path / "piece.mid"
+    for by_finger, names in ((True, ["R1", "R4", "L3"]), (False, ["Piano"])):
+        write_midi(score, path, by_finger=by_finger)
+        tracks = pretty_midi.PrettyMIDI(str(path)).instruments
+        assert [track.name for track in tracks] == names
+        for track in tracks:
+            assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
+        back = read_midi(path)
+        assert [n.finger for n in back.notes] == ([0, 3, 7] if by_finger else [-1] * 3)
+        (pedal,) = back.pedals
+        assert (pedal.onset, pedal.offset) == pytest.approx((0.1, 1.0))
 
 
 # Which hand plays a track of a file from elsewhere.

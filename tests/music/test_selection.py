@@ -89,12 +89,12 @@ def test_a_file_of_the_pig_data_set_is_a_piece_however_it_was_found(corpus):
     assert found == select_pieces(found) == [str(corpus / "1_fingering.txt")]
 
 
-def test_thousands_are_selected_without_reading_one(tmp_path):
-    for number in range(3000):
+def test_a_thousand_are_selected_without_reading_one(tmp_path):
+    for number in range(1000):
         (tmp_path / f"{number:04}.mid").write_bytes(b"")
-    (tmp_path / "all.txt").write_text("\n".join(f"./{n:04}.mid" for n in range(3000)))
-    assert len(select_pieces(tmp_path / "all.txt")) == 3000
-    assert len(select_pieces(str(tmp_path / "*.mid"))) == 3000
+    (tmp_path / "all.txt").write_text("\n".join(f"./{n:04}.mid" for n in range(1000)))
+    assert len(select_pieces(tmp_path / "all.txt")) == 1000
+    assert len(select_pieces(str(tmp_path / "*.mid"))) == 1000
 
 
 @tables("entries, error, message")

@@ -6,9 +6,11 @@ import itertools
 import numpy as np
 import pytest
 from sampling_parts import TUNE, UNLABELLED, WEAK, make_env, make_player, make_search, play
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score
+from sb3_piano.planning import sampling
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.planning.sampling.noise import Candidates, SamplingNoise
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
@@ -235,21 +237,10 @@ def test_any_fingers_cost_the_least_of_all_assignments():
     assert cost.any_finger_cost(tips, points) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(
-    ("settings", "name", "value"),
-    [
-        (SamplingCost, "wrong", -1),
-        (SamplingCost, "tolerance", 0),
-        (SamplingCost, "discount", 1.01),
-        (SamplingNoise, "share", 0),
-        (SamplingNoise, "knots", 0),
-        (SamplingNoise, "finger", -0.1),
-        (SamplingNoise, "decay", 1.1),
-    ],
-)
+@Tables(__file__)("settings, name, value")
 def test_settings_out_of_range_are_named(settings, name, value):
     with pytest.raises(ConfigError, match=f"{name} is {value!r}: expected a "):
-        settings(**{name: value})
+        getattr(sampling, settings)(**{name: value})
 
 
 def test_mistakes_are_keys_that_sound_undue_or_are_silent_though_due():

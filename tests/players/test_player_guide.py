@@ -11,6 +11,7 @@ from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score, write_midi
+from sb3_piano.planning import PlanSettings
 from sb3_piano.players import SightReader, TreeSearch, TreeSettings
 from sb3_piano.players.guides import PlayerGuide
 from sb3_piano.players.planned import PlannedPianist
@@ -27,9 +28,13 @@ def piano(score=TUNE, **options):
     return PianoEnv(score, **{**kwargs, **options})
 
 
+def quick(env):
+    return PlannedPianist(env, PlanSettings(rounds=2, iterations=8, dynamic_iterations=4))
+
+
 @pytest.mark.parametrize(
     ("kind", "wrap"),
-    [(SightReader, lambda env: env), (SightReader, HandActions), (PlannedPianist, lambda env: env)],
+    [(SightReader, lambda env: env), (SightReader, HandActions), (quick, lambda env: env)],
 )
 def test_one_simulation_plays_what_the_player_does(kind, wrap):
     plain, searched = wrap(piano()), wrap(piano())

@@ -4,7 +4,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from episodes import steps_of
 from sb3_contrib import TQC, CrossQ
 from short_scores import score_of
 from stable_baselines3 import DDPG, PPO, SAC, TD3
@@ -157,18 +156,6 @@ def test_equal_seeds_play_alike_and_others_do_not():
     np.testing.assert_array_equal(first, played(1))
     np.testing.assert_array_equal(first, played(1, first=5))
     assert np.abs(first - played(2)).max() > 0
-
-
-@pytest.mark.slow
-def test_a_search_earns_more_than_the_policy_it_starts_from():
-    """With the values of a model that has learnt nothing: what is seen ahead is all that counts."""
-    returns = []
-    for shape in (TreeSettings(simulations=1, depth=1), TreeSettings(simulations=60, depth=4)):
-        env = piano()
-        player = TreeSearch(untrained(env, gamma=0.8), env, shape)
-        steps = steps_of(env, lambda seen, player=player: player.predict(seen)[0])
-        returns.append(sum(reward for _, reward, *_ in steps))
-    assert returns[1] > returns[0] + 0.5
 
 
 def test_several_environments_and_normalized_ones_are_searched():

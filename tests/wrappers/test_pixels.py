@@ -10,6 +10,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv
+from yaml_rows import Tables
 
 from sb3_piano.buffers import CompactDictReplayBuffer, CompactReplayBuffer
 from sb3_piano.buffers.rows import buffer_rows
@@ -169,24 +170,7 @@ def test_of_several_environments_one_is_copied_to_be_judged():
 
 @pytest.mark.slow
 def test_a_run_may_normalise_what_stands_beside_the_picture(tmp_path):
-    config = RunConfig(
-        algo="sac",
-        env_id="RoboPianist-debug-CMajorScaleOneHand-v0",
-        n_timesteps=12,
-        policy="MultiInputPolicy",
-        env_kwargs={"physics": "fast"},
-        env_wrapper=[
-            {"sb3_piano.wrappers.Excerpt": {"length": 0.2}},
-            {"sb3_piano.wrappers.Pixels": {"width": 40, "height": 40}},
-        ],
-        normalize={"norm_obs_keys": ["observation"]},
-        callback=[{"sb3_piano.callbacks.F1Callback": {"eval_freq": 12}}],
-        algorithm_kwargs={
-            **{**TINY, "learning_starts": 8, "batch_size": 8},
-            "replay_buffer_class": CompactDictReplayBuffer,
-        },
-        seed=0,
-    )
+    config = RunConfig(**Tables(__file__)["run"])
     assert train(config, tmp_path / "run", progress_bar=False).num_timesteps == 12
     assert evaluate(tmp_path / "run").num_timesteps == 12
 

@@ -72,6 +72,7 @@ OPTIONS = [
             {"hand": LEAP, "observation": "fingers"},
             {"hand": LEAP, "observation": "hands", "wrappers": HANDS[1:]},
             {"observation": "window", "scores": SCORES[1:]},
+            {"observation": "fingers", "physics": "faithful"},
             {"reward_weights": {"strike": 0.3, "energy": 0.0}, "goal_time": "end"},
             ONE_HAND["left"],
             {"fingering": "optimal-transport", "forearm_reward": False},
@@ -108,27 +109,6 @@ def test_observations_rewards_and_metrics_are_those_of_single_environments(optio
                 assert ours["onset_f1"] == info["onset_f1"]
     assert not playing
     assert struck > 10 or len(scores) == 1 or options.keys() & {"hand", "wrong_press_termination"}
-
-
-@pytest.mark.slow
-def test_recorded_playing_is_equal_with_the_physics_that_is_faithful(performance):
-    actions, piece = performance["action"].astype(np.float32), f"debug-{performance.piece}"
-    options = {"physics": "faithful", "observation": "fingers", **performance.options}
-    env = PianoEnv(piece, **options)
-    batch = BatchedPiano(2, piece, n_threads=2, **options)
-    env.reset()
-    batch.reset()
-    noise = np.random.default_rng(0).normal(size=actions.shape)
-    for own, other in zip(actions, (actions + noise).clip(-1, 1), strict=True):
-        observation, reward, _, over, info = env.step(own)
-        seen = batch.step(torch.from_numpy(np.stack([other, own]).astype(np.float32)))
-        np.testing.assert_array_equal(seen.observation[1].numpy(), observation)
-        assert seen.reward[1].item() == pytest.approx(reward, abs=1e-12)
-    assert over
-    assert info["f1"] > 0.9
-    noisy, clean = batch.summaries([0, 1])
-    assert clean == pytest.approx({name: info[name] for name in clean})
-    assert noisy["f1"] < 0.5
 
 
 def test_keys_may_be_rigid_as_in_one_environment():

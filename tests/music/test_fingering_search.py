@@ -3,13 +3,14 @@
 import itertools
 import math
 import random
-from dataclasses import replace
+from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from published_rules import PARNCUTT_HAND, PARNCUTT_WEIGHTS
 from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
@@ -25,6 +26,16 @@ from sb3_piano.music.fingering.ergonomic import OVERLAP, WIDEST, finger_hand
 tables = Tables(__file__)
 
 W = DEFAULT_WEIGHTS
+# As first published.
+RULES = yaml.safe_load(
+    (Path(__file__).parents[1] / "data" / "music" / "published_rules.yml").read_text()
+)
+PARNCUTT_WEIGHTS = FingeringWeights(
+    **{field.name: RULES["points"].get(field.name, 0.0) for field in fields(FingeringWeights)}
+)
+PARNCUTT_HAND = {
+    tuple(map(int, pair.split("-"))): tuple(distances) for pair, distances in RULES["hand"].items()
+}
 
 
 def note(onset, pitch, *, length=0.25, finger=-1, hand="right"):

@@ -8,6 +8,7 @@ from sb3_contrib import TQC, CrossQ
 from short_scores import score_of
 from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+from yaml_rows import Tables
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
@@ -242,10 +243,7 @@ def test_what_cannot_be_searched_is_refused():
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    settings = {"n_timesteps": 120, "learning_starts": 50, "batch_size": 8, "seed": 0}
-    settings["policy_kwargs"] = {"net_arch": [16]}
-    settings["env_kwargs"] = {"score": "scale-CMajor", "physics": "fast"}
-    settings["env_wrapper"] = [{"sb3_piano.wrappers.Excerpt": {"start": 0.0, "length": 1.0}}]
+    settings = Tables(__file__)["run"]
     config = load_config("sac", "RoboPianist-v0", **settings)
     folder = tmp_path_factory.mktemp("tree") / "run"
     return train(config, folder, progress_bar=False).folder.path

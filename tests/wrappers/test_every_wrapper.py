@@ -18,11 +18,8 @@ from sb3_piano.lab.music import CorpusExcerpt
 from sb3_piano.layers import layers
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import (
-    DomainRandomization,
     Excerpt,
     FingeringDecay,
-    HandActions,
-    HandReward,
     HideFingering,
     HindsightFlag,
     KeyRange,
@@ -45,27 +42,12 @@ PIECE = score_of(
 OTHER = score_of((0.0, 0.15, 62, 1), (0.1, 0.2, 67, 4), title="other")
 
 # Each with the arguments that YAML would give it, and as random as it can be.
+tables = Tables(__file__)
 ARGUMENTS = {
-    PitchShift: {"semitones": [-2, 3]},
-    OctaveShift: {"octaves": [-1, 1]},
-    TemporalStretch: {"factor": [0.5, 2]},
-    RandomPiece: {"pieces": [PIECE, OTHER], "weights": [1, 2]},
-    CorpusExcerpt: {"corpus": {"seed": 3, "n": 2, "duration": 0.5}},
-    Excerpt: {"start": "random", "length": 0.1},
-    KeyRange: {"keys": [36, 91]},
-    Lookahead: {"steps": 4, "stride": 2, "fingers": True},
-    DomainRandomization: {"mass": [0.5, 2], "latency": [0, 2], "observation_noise": 0.01},
-    HandActions: {"reach": 0.8},
-    HandReward: {"own": 0.5, "within": 0.2, "strikes": 0.1},
-    HideFingering: {},
-    HindsightFlag: {},
-    Pixels: {"width": 40, "height": 36, "camera": "topdown", "alone": True},
-    PreviousActionReward: {},
-    RewardWeights: {"weights": {"energy": 0, "key_press": 2}},
-    FingeringDecay: {"n_steps": 10, "start": 3},
-    KeyRewardTiering: {},
-    RewardTiering: {"threshold": 0.4},
+    getattr(sb3_piano.wrappers, name, CorpusExcerpt): arguments
+    for name, arguments in tables["arguments"].items()
 }
+ARGUMENTS[RandomPiece]["pieces"] = [PIECE, OTHER]
 
 
 def single(wrapper):
@@ -226,7 +208,7 @@ def test_what_is_no_piano_is_refused(wrapper):
             wrapper(gym.make(env_id), **ARGUMENTS[wrapper])
 
 
-@Tables(__file__)("wrapper, changes, message")
+@tables("wrapper, changes, message")
 def test_a_wrong_argument_is_refused_by_name_and_value(wrapper, changes, message):
     kind = getattr(sb3_piano.wrappers, wrapper)
     with pytest.raises((ConfigError, ScoreError, UnknownPieceError), match=message):

@@ -51,20 +51,6 @@ def test_what_is_in_the_file_is_not_measured_again(table, tmp_path, monkeypatch)
         table.complete(path, [("hanon-02", "zero")], jobs=1)
 
 
-def test_means_are_over_pieces_that_all_columns_have(table, capsys):
-    rows = [
-        row(table, "repertoire-FurElise", "planned", f1="0.4", cpu="2"),
-        row(table, "repertoire-OdeToJoy", "planned", f1="0.8", cpu="4"),
-        row(table, "repertoire-FurElise", "zero", f1="0.1"),
-    ]
-    table.print_table({(r["piece"], r["column"]): r for r in rows}, ["planned", "zero"])
-    lines = capsys.readouterr().out.splitlines()
-    group = next(line for line in lines if line.startswith("| all of repertoire "))
-    assert "**0.600**" in group
-    assert "/ 3.0 |" in group
-    assert group.endswith("| - |")
-
-
 def test_the_table_of_the_page_is_that_of_the_file_beside_it(table, capsys):
     rows = table.read_rows(DOCS / "planned_pianist.csv")
     assert len({piece for piece, _ in rows}) == 99

@@ -11,7 +11,6 @@ import pytest
 import yaml
 from fresh_python import run_python
 
-from sb3_piano.exceptions import RunError
 from sb3_piano.lab.music.corpus import HELD_OUT
 from sb3_piano.music import load_score, select_pieces
 from sb3_piano.training import RunFolder, load_config
@@ -88,15 +87,6 @@ def script(name, monkeypatch, folder=FOLDER):
     monkeypatch.setitem(sys.modules, name, module)
     spec.loader.exec_module(module)
     return module
-
-
-def test_nothing_starts_from_a_training_that_is_not_at_its_end(tmp_path, monkeypatch):
-    cells = script("cells", monkeypatch)
-    training = cells.Training(cells.Cell("table_1/from_one_scale"), STUDY["pieces"][0], 0)
-    start = training.start
-    RunFolder.create(start.config(tmp_path), tmp_path / start.folder)
-    with pytest.raises(RunError, match="which has 0 of its 60000 steps: .* pretraining/one_scale"):
-        training.config(tmp_path)
 
 
 def test_the_page_has_the_tables_of_what_was_kept(tmp_path, monkeypatch, capsys):

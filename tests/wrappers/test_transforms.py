@@ -170,19 +170,6 @@ class TestSeconds:
         assert set(drawn) == {text(60, 61, 62, 63), text(61, 62, 63, 64), text(62, 63, 64, 65)}
         assert all(150 < count < 250 for count in drawn.values())
 
-    def test_notes_later_than_the_last_beginning_are_in_one_last_part(self):
-        # From 3.5 s on 2.5 s are left: no note is struck there, but two are later.
-        drawn = windows(Excerpt(piano(), start="random", length=2.5), SIX, 500)
-        last = text(64, 65)
-        assert set(drawn) == {
-            *(text(first, first + 1, first + 2) for first in (60, 61, 62, 63)),
-            last,
-        }
-        assert 60 < drawn[last] < 140
-        random, env = np.random.default_rng(0), Excerpt(piano(), start="random", length=2.5)
-        parts = [env.change(SIX, random) for _ in range(50)]
-        assert {part.notes[0].onset for part in parts if pitches(part) == [64, 65]} == {0.5}
-
     @pytest.mark.slow
     @given(score=scores(FINGERS), length=st.floats(0.01, 9.0), seed=st.integers(0, 9))
     def test_a_random_part_always_has_notes_and_is_as_long_as_can_be(self, score, length, seed):

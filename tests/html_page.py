@@ -1,40 +1,21 @@
 """A page of HTML taken apart, for tests of what people read."""
 
-from html.parser import HTMLParser
-
-VOID = ("meta", "br", "input")
+from lxml import html
 
 
-class Page(HTMLParser):
+class Page:
     """A page's elements, the text that people read, and its tables as lists of rows."""
 
-    def __init__(self, html):
-        super().__init__()
-        self.elements, self.stack, self.texts, self.tables = [], [], [], []
-        self.feed(html)
-        self.text = " ".join(" ".join(self.texts).split())
-
-    def handle_starttag(self, tag, attributes):
-        self.elements.append((tag, dict(attributes)))
-        if tag not in VOID:
-            self.stack.append(tag)
-        if tag == "table":
-            self.tables.append([])
-        elif tag == "tr":
-            self.tables[-1].append([])
-        elif tag in ("td", "th"):
-            self.tables[-1][-1].append("")
-
-    def handle_endtag(self, tag):
-        assert self.stack.pop() == tag  # everything is closed in its order
-
-    def handle_data(self, data):
-        tag = self.stack[-1] if self.stack else None
-        if tag in (None, "script", "style"):
-            return
-        self.texts.append(data)
-        if tag in ("td", "th"):
-            self.tables[-1][-1][-1] += data
+    def __init__(self, text):
+        tree = html.fromstring(text)
+        self.elements = [(each.tag, dict(each.attrib)) for each in tree.iter(html.etree.Element)]
+        for unread in tree.xpath("//script | //style"):
+            unread.drop_tree()
+        self.text = " ".join(" ".join(tree.itertext()).split())
+        self.tables = [
+            [[cell.text_content() for cell in row.iter("td", "th")] for row in table.iter("tr")]
+            for table in tree.iter("table")
+        ]
 
     def count(self, tag):
         return sum(name == tag for name, _ in self.elements)

@@ -5,12 +5,11 @@ import json
 import runpy
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.metrics.losses import Losses
 from sb3_piano.music import load_score
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -52,33 +51,6 @@ def test_what_is_in_the_file_is_not_measured_again(table, tmp_path, monkeypatch)
         table.complete(path, [("hanon-02", "zero")], jobs=1)
 
 
-def test_losses_are_shares_of_the_frames_that_are_due(table, capsys):
-    due = {"all": {"sounding": 6, "never": 1, "early": 1}, "thumb": {"never": 1}}
-    shares = table.losses(Losses(due=due, wrong={"all": {"neighbour": 2}}))
-    assert shares["never"] == shares["early"] == "0.1250"
-    assert shares["neighbour"] == "0.2500"
-    assert shares["late"] == shares["other"] == "0.0000"
-    rows = [row(table, "repertoire-FurElise", "planned", **shares)]
-    old = {"piece": "repertoire-OdeToJoy", "column": "planned", "f1": "0.9", "onset_f1": "0.9"}
-    table.print_losses({(r["piece"], r["column"]): r for r in [*rows, old]}, ["planned"])
-    *_, line = capsys.readouterr().out.splitlines()
-    assert line.startswith("| FurElise | planned | **0.500** / 0.500 | 12.5 | 0.0 | 12.5 |")
-
-
-def test_means_are_over_pieces_that_all_columns_have(table, capsys):
-    rows = [
-        row(table, "repertoire-FurElise", "planned", f1="0.4", cpu="2"),
-        row(table, "repertoire-OdeToJoy", "planned", f1="0.8", cpu="4"),
-        row(table, "repertoire-FurElise", "zero", f1="0.1"),
-    ]
-    table.print_table({(r["piece"], r["column"]): r for r in rows}, ["planned", "zero"])
-    lines = capsys.readouterr().out.splitlines()
-    group = next(line for line in lines if line.startswith("| all of repertoire "))
-    assert "**0.600**" in group
-    assert "/ 3.0 |" in group
-    assert group.endswith("| - |")
-
-
 def test_the_table_of_the_page_is_that_of_the_file_beside_it(table, capsys):
     rows = table.read_rows(DOCS / "planned_pianist.csv")
     assert len({piece for piece, _ in rows}) == 99
@@ -105,30 +77,12 @@ def test_the_table_of_the_page_is_what_the_script_computes(scale):
     assert f"\n{scale.table()}\n" in (DOCS / "at_scale.md").read_text(encoding="utf-8")
 
 
-def test_jobs_run_in_waves_and_what_comes_after_has_no_more_cores_than_it_can_use(scale):
-    experiment = scale.Experiment("five", jobs=5, job=10.0, after=60.0, after_cores=2)
-    assert experiment.seconds(machines=1, cores=2) == 3 * 10 + 30
-    assert experiment.seconds(machines=2, cores=2) == 2 * 10 + 30
-    assert experiment.seconds(machines=100, cores=16) == 10 + 30
-    times = {90: "2 min", 2 * 3600: "2.0 h", 40 * 3600: "40 h", 50 * 3600: "2.1 days"}
-    assert {seconds: scale.in_words(seconds) for seconds in times} == times
-
-
 # The benchmark of learning curves.
 
 
 learning = runpy.run_path(str(BENCHMARKS / "learning.py"))
 
-STUDY = {
-    "minutes": 0.002,
-    "every": 20,
-    "seeds": [0, 1],
-    "envs": ["RoboPianist-debug-CMajorScaleOneHand-v0"],
-    "variants": {
-        "strikes": {"settings": {"env_kwargs": {"reward_weights": {"strike": 0.5}}}},
-        "published": {"algo": "td3", "published": True},
-    },
-}
+STUDY = Tables(__file__)["study"]
 
 
 @pytest.mark.parametrize(
@@ -136,8 +90,8 @@ STUDY = {
 )
 def test_the_studies_of_the_repository_have_valid_settings(file, tmp_path):
     study = learning["Study"].from_yaml(file, tmp_path)
-    for name, piece, seed in study.cells():
-        variant = study.variants[name]
+    piece, seed = study.pieces[0], 1
+    for variant in study.variants.values():
         if "{piece}" in (variant.player or ""):  # a run that a user makes first
             with pytest.raises(ConfigError, match=f"clones/{piece.name}/cloned"):
                 variant.config(piece, seed)
@@ -168,19 +122,6 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     assert (out / "curves.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
-def test_a_training_ends_after_the_steps_of_its_settings(tmp_path):
-    given = {"n_timesteps": 20, "learning_starts": 100}
-    variants = {"brief": {"settings": given}}
-    file = tmp_path / "study.yml"
-    file.write_text(yaml.safe_dump({**STUDY, "minutes": 0.1, "seeds": [0], "variants": variants}))
-    study = learning["Study"].from_yaml(file, tmp_path)
-    made = tmp_path / "rows.jsonl"
-    learning["run"](study.variants["brief"], study.pieces[0], 0, study, made)
-    last = json.loads(made.read_text().splitlines()[-1])
-    assert last["steps"] == 20
-
-
 def test_a_study_takes_the_first_seconds_of_its_pieces_and_reports_what_has_ended(tmp_path, capsys):
     file = tmp_path / "study.yml"
     file.write_text(yaml.safe_dump({**STUDY, "pieces": ["FurElise"], "seconds": 3}))
@@ -195,17 +136,3 @@ def test_a_study_takes_the_first_seconds_of_its_pieces_and_reports_what_has_ende
     with pytest.raises(SystemExit):
         learning["main"]([str(file), "--out", str(tmp_path / "out"), "--report"])
     assert "expected one that has ended" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_evaluations_normalise_as_the_training_does(tmp_path):
-    settings = {"normalize": {"norm_reward": False}, "learning_starts": 10**6}
-    piece = learning["Piece"](env_id="RoboPianist-debug-CMajorScaleOneHand-v0")
-    config = learning["Variant"](settings=settings).config(piece, 0)
-    model = learning["build_model"](config, learning["build_vec_env"](config))
-    callback = learning["TimedEvaluation"](config, 10**6, 60.0, tmp_path / "rows.jsonl")
-    model.learn(30, callback=callback)
-    callback.evaluate()
-    learnt, used = model.get_vec_normalize_env().obs_rms, callback.venv.obs_rms
-    assert learnt.count == used.count == pytest.approx(31, abs=1)
-    np.testing.assert_array_equal(used.mean, learnt.mean)

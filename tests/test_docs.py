@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
+import inspect
 import json
+import pkgutil
 import re
+import runpy
 import shlex
+import sys
 from pathlib import Path
 
+import gymnasium as gym
 import pytest
 import yaml
 from fresh_python import run_python
+from stable_baselines3.common.buffers import BaseBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import BaseModel
+from stable_baselines3.common.vec_env import VecEnv
+from yaml_rows import Tables
 
+import sb3_piano.lab
 from sb3_piano.cli import main
 from sb3_piano.cli.main import parser_of
 from sb3_piano.envs import ENV_IDS, GENERAL_ID
@@ -40,15 +53,7 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))  # the demo has tests of its own
 # What is shortened in examples that train, so that the networks are updated some ten times.
-SHORT = {
-    "02_learn_a_scale": {"STEPS = 12_000": "STEPS = 340", "seed=0": "seed=0, learning_starts=300"},
-    "05_tune_with_optuna": {"STEPS, TRIALS = 60, 2": "STEPS, TRIALS = 50, 1"},
-    "06_train_fast": {"WARM_UP, STEPS = 200, 100": "WARM_UP, STEPS = 20, 10"},
-    "07_keep_the_best_model": {"EVALUATE_EVERY = 600, 200": "EVALUATE_EVERY = 210, 105"},
-    "08_watch_and_hear": {"width=320, height=180": "width=64, height=48, fps=20"},
-    "11_own_reward_term": {"STEPS = 1_024": "STEPS = 256"},
-    "12_observe_something_else": {"STEPS = 200": "STEPS = 20"},
-}
+SHORT = Tables(__file__)["short"]
 
 
 def run(code: list[str], folder: Path) -> str:
@@ -177,12 +182,13 @@ def test_the_page_of_the_planned_pianist_has_commands_that_run(tmp_path, monkeyp
     assert Path("my_piece.npz").is_file()
 
 
-@pytest.mark.parametrize("name", ["index", "getting_started", "planned_pianist"])
-def test_the_commands_of_a_page_are_ones_that_there_are(name):
-    commands = commands_of(ROOT / "docs" / f"{name}.md")
-    assert commands
-    for arguments in commands:
-        parser_of().parse_args(arguments)
+def test_the_commands_of_a_page_are_ones_that_there_are():
+    parser = parser_of()
+    for name in ("index", "getting_started", "planned_pianist"):
+        commands = commands_of(ROOT / "docs" / f"{name}.md")
+        assert commands
+        for arguments in commands:
+            parser.parse_args(arguments)
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
@@ -211,3 +217,103 @@ def test_an_example_runs_and_prints_a_number(example, tmp_path):
         example, text = tmp_path / example.name, text.replace(old, new)
         example.write_text(text, encoding="utf-8")
     assert re.search(r"\d", run([str(example)], tmp_path))
+
+
+# The glossary has a row for every noun of the public interface, and no stale row.
+
+
+PAGE = (Path(__file__).parents[1] / "docs" / "glossary.md").read_text(encoding="utf-8")
+# A class is a noun of its own, a function is a verb. A subclass of one of these is a kind of the
+# parent, which has one row: what each kind does stands on the pages of wrappers, callbacks, ...
+FAMILIES = {
+    gym.Wrapper: "wrapper",
+    BaseCallback: "callback",
+    BaseBuffer: "replay buffer",
+    BaseModel: "policy",
+    VecEnv: "vector environment",
+}
+TERMS = re.findall(r"^\| (.*?) \| ", PAGE, re.MULTILINE)
+
+
+def exported_classes():
+    """Return the classes that public packages export, by name."""
+    found = {}
+    for parent in (sb3_piano, sb3_piano.lab):
+        for info in pkgutil.iter_modules(parent.__path__, f"{parent.__name__}."):
+            if info.ispkg and not info.name.endswith(".cli"):
+                package = importlib.import_module(info.name)
+                values = {name: getattr(package, name) for name in getattr(package, "__all__", ())}
+                found |= {name: v for name, v in values.items() if inspect.isclass(v)}
+    return found
+
+
+CLASSES = exported_classes()
+NOUNS = sorted(name for name, cls in CLASSES.items() if not issubclass(cls, tuple(FAMILIES)))
+
+
+def test_every_noun_of_the_public_interface_has_a_row():
+    assert len(NOUNS) > 40
+    missing = [name for name in NOUNS if f"`{name}`" not in PAGE]
+    assert missing == [], f"add a row to docs/glossary.md for {', '.join(missing)}"
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=FAMILIES.get)
+def test_a_family_of_stable_baselines3_or_gymnasium_has_one_row(family):
+    assert any(issubclass(cls, family) for cls in CLASSES.values())
+    assert [term for term in TERMS if re.match(rf"{FAMILIES[family]}\b", term)] != []
+
+
+def test_no_row_names_a_class_that_is_not_exported():
+    named = {name for term in TERMS for name in re.findall(r"`([A-Z]\w+[a-z]\w*)`", term)}
+    assert len(named) > 40
+    assert sorted(named - set(CLASSES)) == []
+
+
+def test_a_term_has_one_row():
+    words = [re.sub(r"`.*?`|[()]", "", term).strip(" ,") for term in TERMS]
+    assert sorted({word for word in words if words.count(word) > 1} - {"term"}) == []
+
+
+# The demo: a piece planned, cloned and trained.
+
+
+DEMO = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "demo.py"))
+
+
+@pytest.fixture
+def demo(tmp_path, monkeypatch, capsys):
+    """Return a function that runs the demo on a second of a piece, briefer, and what it printed."""
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    main = DEMO["main"]
+    for name in ("EPISODES", "EPOCHS"):
+        monkeypatch.setitem(main.__globals__, name, 4)
+    settings = functools.partial(main.__globals__["load_fine_tuning"], learning_starts=100)
+    monkeypatch.setitem(main.__globals__, "load_fine_tuning", settings)
+
+    def run(steps):
+        options = ["--seconds", "1", "--steps", str(steps), "--out", str(tmp_path / "out")]
+        monkeypatch.setattr(sys, "argv", ["demo.py", "TwinkleTwinkle", *options])
+        assert main() == 0
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_a_folder_with_the_runs_of_a_demo_is_refused_and_stays_as_it_is(demo, tmp_path, capsys):
+    planned = tmp_path / "out" / "cloned"
+    planned.mkdir(parents=True)
+    (planned / "config.yml").write_text("algo: planned")
+    (tmp_path / "out" / "piece.mid").write_text("that of the runs")
+    with pytest.raises(SystemExit, match="2"):
+        demo(steps=0)
+    assert "has the runs of a demo already: expected another --out." in capsys.readouterr().err
+    assert (tmp_path / "out" / "piece.mid").read_text() == "that of the runs"
+
+
+@pytest.mark.slow
+def test_it_judges_each_step_and_leaves_video_and_report(demo, tmp_path):
+    scores = dict(re.findall(r"\| (\w+) +\| (\d\.\d+)", demo(steps=140)))
+    assert list(scores) == ["resting", "planned", "cloned", "trained"]
+    assert float(scores["planned"]) > float(scores["resting"])
+    assert (tmp_path / "out" / "trained" / "play" / "performance.mp4").is_file()
+    assert (tmp_path / "out" / "trained" / "evaluation" / "report.html").is_file()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib
 import re
 import subprocess
@@ -37,15 +36,7 @@ def test_every_public_name_exists(room):
         assert hasattr(module, name), f"{module.__name__}.{name}"
 
 
-def imported_modules(path: Path) -> set[str]:
-    """Return the modules of ours that a module imports from, without the package's own name."""
-    names = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            names.append(node.module)
-        elif isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-    return {name.removeprefix("sb3_piano.") for name in names if name.startswith("sb3_piano.")}
+IMPORTED = re.compile(r"^\s*(?:from|import) sb3_piano\.([\w.]+)", re.MULTILINE)
 
 
 def run(program: str, *options: str) -> subprocess.CompletedProcess[str]:
@@ -62,7 +53,8 @@ def test_a_room_imports_only_from_rooms_before_it(folder, rooms):
         room = path.relative_to(PACKAGE / folder).parts[0].removesuffix(".py")
         if room in ("__init__", "__main__"):
             continue
-        modules = (m for m in imported_modules(path) if m.startswith(inside))
+        named = IMPORTED.findall(path.read_text(encoding="utf-8"))
+        modules = (m for m in named if m.startswith(inside))
         imported = {m.removeprefix(inside).partition(".")[0] for m in modules}
         assert imported <= set(rooms[: rooms.index(room) + 1]), path
 
@@ -76,42 +68,45 @@ HEAVY = (
 )
 
 
+# One after the other in one process, and what has not been imported until then.
+PROGRAMS = {
+    "import sb3_piano": HEAVY,
+    "from sb3_piano.cli import main\nwith suppress(SystemExit): main(['--help'])": HEAVY,
+    "print(sb3_piano.envs.PianoEnv.__name__, hasattr(sb3_piano, 'nothing'))": DRAWING | LEARNING,
+    "import sb3_piano.envs, sb3_piano.viewing, sb3_piano.wrappers": (
+        DRAWING | LEARNING | {"scipy.optimize", "scipy.ndimage"}
+    ),
+}
+HELP = """
+from sb3_piano.cli.main import COMMANDS, parser_of
+for name in COMMANDS.keys() - {'corpus'}:  # read from its settings
+    parser_of([name])
+"""
+PLANNER = """
+from sb3_piano import envs, music, players
+env = envs.PianoEnv(music.Score(notes=[music.Note(onset=0.5, offset=0.7, pitch=60)]))
+players.make_player('planned', env).predict(env.reset()[0])
+"""
+TELL = "\nprint('modules', *sys.modules)\n"
+
+
 @pytest.mark.parametrize(
-    ("program", "unneeded"),
+    "programs",
     [
-        ("import sb3_piano", HEAVY),
-        ("from sb3_piano.cli import main; main(['--help'])", HEAVY),
-        (
-            "from sb3_piano.cli.main import COMMANDS, parser_of\n"
-            "for name in COMMANDS.keys() - {'corpus'}:  # read from its settings\n"
-            "    parser_of([name])",
-            {"torch", "stable_baselines3", "mujoco", "OpenGL", "scipy"},
-        ),
-        (
-            "import sb3_piano.envs, sb3_piano.viewing, sb3_piano.wrappers",
-            DRAWING | LEARNING | {"scipy.optimize", "scipy.ndimage"},
-        ),
-        (
-            "from sb3_piano import envs, music, players\n"
-            "note = music.Note(onset=0.1, offset=0.2, pitch=60)\n"
-            "env = envs.PianoEnv(music.Score(notes=[note]))\n"
-            "players.make_player('planned', env).predict(env.reset()[0])",
-            DRAWING | LEARNING,
-        ),
+        PROGRAMS,
+        {HELP: {"torch", "stable_baselines3", "mujoco", "OpenGL", "scipy"}},
+        pytest.param({PLANNER: DRAWING | LEARNING}, marks=pytest.mark.slow),
     ],
-    ids=["import", "help", "help of commands", "environments", "planner"],
+    ids=["parts", "help of commands", "planner"],
 )
-def test_what_takes_long_to_be_imported_is_not_where_it_is_not_needed(program, unneeded):
-    told = "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr))\n"
-    done = run(told + program)
-    assert done.returncode == 0
-    assert not (unneeded | BRIDGES) & set(done.stderr.split())
-
-
-def test_the_package_is_imported_part_by_part_and_warns_of_nothing():
-    program = "import sb3_piano as s; print(s.envs.PianoEnv.__name__, hasattr(s, 'nothing'))"
-    done = run(program, "-W", "error")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "PianoEnv False\n", "")
+def test_what_takes_long_to_be_imported_is_not_where_it_is_not_needed(programs):
+    text = "".join(program + TELL for program in programs)
+    done = run(f"import sys\nfrom contextlib import suppress\n{text}", "-W", "error")
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = [line.split() for line in done.stdout.splitlines() if line.startswith("modules ")]
+    for (program, unneeded), modules in zip(programs.items(), lines, strict=True):
+        assert not (unneeded | BRIDGES) & set(modules), program
+    assert ("PianoEnv False" in done.stdout) == (programs is PROGRAMS)
 
 
 TO_PLAY = (PACKAGE.parent / "requirements-play.txt").read_text().splitlines()
@@ -133,7 +128,7 @@ sys.exit(main({arguments}))
 def test_what_requirements_play_lists_is_enough_to_play(more, arguments, code, said, tmp_path):
     listed = [line for line in TO_PLAY if not line.startswith("#")]
     piece = ["--set", "physics=fast", "--out", str(tmp_path), "--no-progress"]
-    command = ["play", "debug-CMajorScaleOneHand", *piece, *arguments]
+    command = ["play", "CMajorChordProgressionTwoHands", *piece, *arguments]
     done = run(WITHOUT.format(listed=listed + more, arguments=command))
     assert done.returncode == code, done.stderr
     assert said in done.stdout + done.stderr

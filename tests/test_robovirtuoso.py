@@ -4,7 +4,6 @@ import importlib.util
 import json
 import shutil
 import sys
-import types
 from pathlib import Path
 from statistics import fmean
 
@@ -12,7 +11,6 @@ import pytest
 import yaml
 from fresh_python import run_python
 
-from sb3_piano.exceptions import RunError
 from sb3_piano.lab.music.corpus import HELD_OUT
 from sb3_piano.music import load_score, select_pieces
 from sb3_piano.training import RunFolder, load_config
@@ -89,35 +87,6 @@ def script(name, monkeypatch, folder=FOLDER):
     monkeypatch.setitem(sys.modules, name, module)
     spec.loader.exec_module(module)
     return module
-
-
-def test_a_run_that_went_on_is_judged_again(tmp_path, monkeypatch):
-    script("cells", monkeypatch)
-    run = script("run", monkeypatch)
-    steps, judged = 100, []
-
-    class Judged(types.SimpleNamespace):
-        def write_json(self, file):
-            file.write_text(json.dumps({"evaluations": [vars(one) for one in self.evaluations]}))
-
-    def evaluate_runs(folders, scores):
-        judged.append(steps)
-        one = types.SimpleNamespace(piece="a", mean={"f1": 0.5}, num_timesteps=steps)
-        return Judged(interrupted=False, failures=(), evaluations=(one,))
-
-    monkeypatch.setattr(run, "evaluate_runs", evaluate_runs)
-    for steps in (100, 100, 200, 200):
-        run.evaluate(tmp_path, ["a"], steps)
-    assert judged == [100, 200]
-
-
-def test_nothing_starts_from_a_training_that_is_not_at_its_end(tmp_path, monkeypatch):
-    cells = script("cells", monkeypatch)
-    training = cells.Training(cells.Cell("table_1/from_one_scale"), STUDY["pieces"][0], 0)
-    start = training.start
-    RunFolder.create(start.config(tmp_path), tmp_path / start.folder)
-    with pytest.raises(RunError, match="which has 0 of its 60000 steps: .* pretraining/one_scale"):
-        training.config(tmp_path)
 
 
 def test_the_page_has_the_tables_of_what_was_kept(tmp_path, monkeypatch, capsys):

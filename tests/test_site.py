@@ -88,6 +88,22 @@ def cells(site, page):
     return [[cell.text_content().strip() for cell in row.xpath("./td|./th")] for row in rows]
 
 
+def test_the_page_in_the_browser_is_embedded_once_it_is_built(tmp_path, monkeypatch):
+    hook = building("page")
+    text = (ROOT / "docs" / "play.md").read_text("utf-8")
+    monkeypatch.setattr(hook, "BUILT", tmp_path / "dist")
+    assert "make web" in hook.on_page_markdown(text)
+    (tmp_path / "dist").mkdir()
+    for name in ("index.html", "piano.html"):
+        (tmp_path / "dist" / name).write_text("<p>piano</p>")
+    assert '<iframe src="play/index.html"' in hook.on_page_markdown(text)
+    site_dir = tmp_path / "site"
+    config = MkDocsConfig()
+    config.site_dir = str(site_dir)
+    hook.on_post_build(config)
+    assert [file.name for file in (site_dir / "play").iterdir()] == ["index.html"]
+
+
 @pytest.mark.slow
 def test_no_page_of_the_site_names_something_elsewhere_that_it_needs(site):
     pages = [path for path in site.rglob("*.html") if path.relative_to(site).parts[0] != "play"]
@@ -198,19 +214,3 @@ def test_links_to_files_of_the_repository_lead_to_pages_that_show_them(site):
     text = shown.xpath("//article//code")[0].text_content()
     original = ROOT / folder.relative_to(site / "source") / "run.py"
     assert text.strip() == original.read_text("utf-8").strip()
-
-
-def test_the_page_in_the_browser_is_embedded_once_it_is_built(tmp_path, monkeypatch):
-    hook = building("page")
-    text = (ROOT / "docs" / "play.md").read_text("utf-8")
-    monkeypatch.setattr(hook, "BUILT", tmp_path / "dist")
-    assert "make web" in hook.on_page_markdown(text)
-    (tmp_path / "dist").mkdir()
-    for name in ("index.html", "piano.html"):
-        (tmp_path / "dist" / name).write_text("<p>piano</p>")
-    assert '<iframe src="play/index.html"' in hook.on_page_markdown(text)
-    site_dir = tmp_path / "site"
-    config = MkDocsConfig()
-    config.site_dir = str(site_dir)
-    hook.on_post_build(config)
-    assert [file.name for file in (site_dir / "play").iterdir()] == ["index.html"]

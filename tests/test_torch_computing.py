@@ -6,6 +6,7 @@ import pytest
 import torch
 import yaml
 from stable_baselines3.common.callbacks import BaseCallback
+from yaml_rows import Tables
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.threads import torch_computing
@@ -48,17 +49,7 @@ class Noted(BaseCallback):
 
 
 def pendulum(**changes):
-    small = {"policy_kwargs": {"net_arch": [8]}, "learning_starts": 5, "buffer_size": 50}
-    return RunConfig(
-        **{
-            "algo": "td3",
-            "env_id": "Pendulum-v1",
-            "n_timesteps": 20,
-            "env_kwargs": {"max_episode_steps": 10},
-            "algorithm_kwargs": {**small, "batch_size": 4, "device": "cpu"},
-            **changes,
-        }
-    )
+    return RunConfig(**{**Tables(__file__)["pendulum"], **changes})
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 import torch
+from yaml_rows import Tables
 
 from sb3_piano.batch import BatchedPiano
 from sb3_piano.envs import PianoEnv
@@ -15,14 +16,7 @@ from sb3_piano.wrappers import DomainRandomization, HandActions, HandReward
 NOTES = [Note(onset=0.15 * i, offset=0.15 * i + 0.15, pitch=60 + i, finger=i) for i in range(4)]
 SCORE = Score(notes=NOTES, title="four notes")
 FAST = {"physics": "fast"}
-FIXED = {
-    "mass": (1.5, 1.5),
-    "friction": (0.5, 0.5),
-    "key_spring": (2.0, 2.0),
-    "key_threshold": (0.2, 0.2),
-    "actuator_gain": (0.8, 0.8),
-    "latency": (2, 2),
-}
+FIXED = Tables(__file__)["fixed"]
 
 
 def wandering(steps, size, seed=0):
@@ -43,8 +37,10 @@ def played(env, seed=None):
     return rows
 
 
-@pytest.mark.parametrize("changed", [*FIXED, "every"])
-@pytest.mark.parametrize("wrappers", [(), (HandActions, HandReward)])
+@pytest.mark.parametrize(
+    ("changed", "wrappers"),
+    [*((name, ()) for name in FIXED), ("every", (HandActions, HandReward))],
+)
 def test_a_batch_plays_under_the_conditions_of_one_environment(changed, wrappers):
     options = {**FAST, "observation": "hands" if wrappers else "fingers"}
     conditions = FIXED if changed == "every" else {changed: FIXED[changed]}

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from short_scores import score_of
+from yaml_rows import Tables
 
-from sb3_piano.metrics import EPISODE_METRICS, Onsets, episode_metrics, frame_scores
-from sb3_piano.metrics.episode import FINGER_SHARES, normalized_return
+from sb3_piano.envs import RETURN_KEYS
+from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS, Onsets, episode_metrics, frame_scores
+from sb3_piano.metrics.episode import FINGER_SHARES, has_value, normalized_return
 from sb3_piano.metrics.fingers import fingering_agreement
+from sb3_piano.metrics.musicianship import MUSICIANSHIP
 from sb3_piano.metrics.presses import wrong_presses
 from sb3_piano.music import PianoRoll
+
+tables = Tables(__file__)
 
 DT = 0.05
 
@@ -71,15 +77,6 @@ def test_perfect_playing():
     assert metrics == pytest.approx(dict.fromkeys(EPISODE_METRICS[:-1], 1.0) | others)
 
 
-def test_silence():
-    """Only the 4 silent steps of 12 are right; nothing was struck, so nothing was struck wrong."""
-    metrics = judge(DUE, played([], STEPS))
-    assert_scores(metrics, precision=1.0, recall=4 / 12, f1=4 / 12, noop_f1=4 / 12)
-    assert_scores(metrics, onset_precision=1.0, onset_recall=0.0, onset_f1=0.0, non_silent_f1=0.0)
-    assert_scores(metrics, wrong_presses_per_second=0.0, effective_fingers=0.0)
-    assert_scores(metrics, fingering_agreement=1.0, **dict.fromkeys(FINGER_SHARES, 0.0))
-
-
 def test_all_keys_at_once():
     """All 88 keys are struck at 0 s and held.
 
@@ -98,18 +95,6 @@ def test_all_keys_at_once():
 
 def shifted(seconds):
     return played([(k, on + seconds, off + seconds, f) for k, on, off, f in PIECE], STEPS)
-
-
-def test_all_60_ms_late():
-    """The keys sound in steps 3-6 and 7-10: no strike is in time, though no press is wrong.
-
-    Of the 8 steps that sound, 2 and 6 are wrong (F1 0 each); so is step 10, of those that do not.
-    Precision is 0 in steps 6 and 10, recall in 2 and 6.
-    """
-    metrics = judge(DUE, shifted(0.06))
-    assert_scores(metrics, precision=10 / 12, recall=10 / 12, f1=9 / 12, non_silent_f1=6 / 8)
-    assert_scores(metrics, onset_precision=0.0, onset_recall=0.0, onset_f1=0.0)
-    assert_scores(metrics, onset_error_mean_ms=0.0, wrong_presses_per_second=0.0)
 
 
 def test_a_unison_of_both_hands_is_one_strike():
@@ -162,3 +147,48 @@ def due_of(roll):
     fingers = np.where(roll.active & (roll.finger < 0), 0, roll.finger).astype(np.int8)
     strikes = Onsets(roll.onset_time, np.nonzero(roll.onset)[1])
     return Played(roll.active, fingers, strikes, roll.sustain)
+
+
+# Each number of an episode has words, and one set of them.
+
+
+def test_every_number_of_an_episode_is_defined_and_no_other():
+    expected = [*EPISODE_METRICS, *MUSICIANSHIP, *RETURN_KEYS, "return", "length"]
+    assert sorted(DEFINITIONS) == sorted(expected)
+    assert all(name == definition.name for name, definition in DEFINITIONS.items())
+
+
+def test_no_two_numbers_have_the_same_words():
+    labels = [definition.label for definition in DEFINITIONS.values()]
+    shorts = [(definition.section, definition.short) for definition in DEFINITIONS.values()]
+    meanings = [definition.meaning for definition in DEFINITIONS.values()]
+    for words in (labels, shorts, meanings):
+        assert len(set(words)) == len(words)
+
+
+def test_what_is_about_the_same_stands_together():
+    of_each = [definition.section for definition in DEFINITIONS.values()]
+    sections = [section for section, _ in itertools.groupby(of_each)]
+    assert len(set(sections)) == len(sections) == 6
+
+
+@pytest.mark.parametrize("definition", DEFINITIONS.values(), ids=DEFINITIONS)
+def test_words_fit_in_a_line_and_end_as_they_should(definition):
+    assert definition.meaning.endswith(".")
+    assert definition.meaning[0].isupper()
+    assert len(definition.meaning) <= 100
+    for words in (definition.label, definition.short):
+        assert words.startswith("F1") or words[0].islower()
+        assert len(words) <= 40
+    assert (definition.unit == "ms") == definition.name.endswith("_ms")
+    assert (definition.unit == "/s") == definition.name.endswith("_per_second")
+
+
+@tables("name, value, text")
+def test_a_value_has_as_many_decimals_as_are_worth_showing(name, value, text):
+    assert DEFINITIONS[name].rounded(value) == text
+
+
+@tables("name, metrics, expected")
+def test_timing_and_fingers_have_a_value_where_something_was_hit(name, metrics, expected):
+    assert has_value(name, metrics) is expected

@@ -1,7 +1,5 @@
 """Difficulty: features worked by hand and counted on a grid, motion from arrays, and the rank."""
 
-import random
-
 import numpy as np
 import pytest
 from short_scores import score_of
@@ -64,28 +62,6 @@ def test_hands_that_are_unknown_are_assigned():
     bare = without_fingers(scale, keep_hands=False)
     assert all(n.hand is None for n in bare.notes)
     assert features(bare) == features(scale)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_polyphony_is_that_counted_on_a_fine_grid(seed):
-    draw = random.Random(seed)
-    notes = []
-    for _ in range(60):
-        onset = draw.randrange(400)  # hundredths
-        length = draw.randrange(2, 120)
-        hand, pitch = draw.choice(("right", "left")), draw.randrange(40, 80)
-        notes.append((onset, onset + length, pitch, hand))
-    found = features(score_of(*((a / 100, b / 100, *rest) for a, b, *rest in notes)))
-    first, last = min(onset for onset, *_ in notes), max(offset for _, offset, *_ in notes)
-    down = np.zeros((last - first, 2, 128), dtype=bool)
-    for onset, offset, pitch, hand in notes:
-        down[onset - first : offset - first, int(hand == "left"), pitch] = True
-    keys = down.any(axis=1)
-    assert found.duration == pytest.approx((last - first) / 100)
-    assert found.average_polyphony == pytest.approx(keys.sum(axis=1).mean())
-    assert found.maximum_polyphony == keys.sum(axis=1).max()
-    spans = [np.ptp(np.nonzero(row)[0]) for step in down for row in step if row.any()]
-    assert found.hand_span == max(spans)
 
 
 # Motion.

@@ -11,8 +11,7 @@ from yaml_rows import Tables
 
 from sb3_piano.music import BUILT_IN
 from sb3_piano.music.fingering import without_fingers
-from sb3_piano.music.fingering.hand_search import search
-from sb3_piano.music.fingering.split import _Pianist, assign_hands
+from sb3_piano.music.fingering.split import assign_hands
 
 tables = Tables(__file__)
 
@@ -45,20 +44,6 @@ def test_hands_go_where_they_have_to_be(why, notes, expected):
 
 def test_notes_that_strike_one_key_together_are_one_hands():
     assert set(hands(*[(0.0, 60, 1.0)] * 12)) in ({"L"}, {"R"})
-
-
-def test_a_key_is_held_once_however_many_notes_lie_on_it():
-    held = []
-
-    class Watching(_Pianist):
-        def costs(self, states, chord):
-            held.append(len(chord.held))
-            return super().costs(states, chord)
-
-    together = [(0.0, 60, 50.0, None)] * 9
-    again = [(0.1 * i, 48 + i % 3, 50.0, None) for i in range(1, 30)]
-    search(score(*together, *again).notes, Watching())
-    assert max(held) == 3  # 60, and two of the three keys: the third is struck
 
 
 def test_a_hand_takes_at_most_five_keys_at_a_time_if_the_other_can_help():

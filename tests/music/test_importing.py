@@ -198,7 +198,10 @@ class TestFolder:
         report = import_path(music, jobs=1)
         (name,) = report.imported
         assert Library().info(name).title == "F\ufffdr Elise"
-        assert main(["pieces", "list", "--csv", str(tmp_path / "all.csv")]) == 0
+        assert (
+            main(["pieces", "list", "--collection", "imported", "--csv", str(tmp_path / "all.csv")])
+            == 0
+        )
         assert "F\ufffdr Elise" in (tmp_path / "all.csv").read_text(encoding="utf-8")
         assert main(["pieces", "show", name]) == 0
         assert "Elise.mid" in capsys.readouterr().out  # where it comes from

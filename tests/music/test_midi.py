@@ -8,6 +8,7 @@ from yaml_rows import Tables
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score, write_midi
+from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.midi_reading import read_midi
 
 tables = Tables(__file__)
@@ -149,22 +150,58 @@ class TestWriting:
         assert list(tmp_path.iterdir()) == []
 
 
-def test_the_pedal_acts_on_the_notes_of_every_track(tmp_path):
-    notes = [Note(onset=0.0, offset=0.5, pitch=60 + f, finger=f) for f in (0, 3, 7)]
-    write_midi(Score(notes=notes, pedals=[Pedal(onset=0.1, offset=1.0)]), tmp_path / "piece.mid")
-    tracks = pretty_midi.PrettyMIDI(str(tmp_path / "piece.mid")).instruments
-    assert [track.name for track in tracks] == ["R1", "R4", "L3"]
-    for track in tracks:
-        assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
-    (pedal,) = read_midi(tmp_path / "piece.mid").pedals
-    assert (pedal.onset, pedal.offset) == pytest.approx((0.1, 1.0))
-
-
-def test_a_performance_is_one_track_with_one_pedal(tmp_path):
+def test_the_pedal_acts_on_every_track_and_a_performance_is_one_track(tmp_path):
     notes = [Note(onset=0.0, offset=0.5, pitch=60 + f, finger=f) for f in (0, 3, 7)]
     score = Score(notes=notes, pedals=[Pedal(onset=0.1, offset=1.0)])
-    write_midi(score, tmp_path / "played.mid", by_finger=False)
-    (track,) = pretty_midi.PrettyMIDI(str(tmp_path / "played.mid")).instruments
-    assert (track.name, len(track.notes)) == ("Piano", 3)
-    assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
-    assert [n.finger for n in read_midi(tmp_path / "played.mid").notes] == [-1, -1, -1]
+    path = tmp_path / "piece.mid"
+    for by_finger, names in ((True, ["R1", "R4", "L3"]), (False, ["Piano"])):
+        write_midi(score, path, by_finger=by_finger)
+        tracks = pretty_midi.PrettyMIDI(str(path)).instruments
+        assert [track.name for track in tracks] == names
+        for track in tracks:
+            assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
+        back = read_midi(path)
+        assert [n.finger for n in back.notes] == ([0, 3, 7] if by_finger else [-1] * 3)
+        (pedal,) = back.pedals
+        assert (pedal.onset, pedal.offset) == pytest.approx((0.1, 1.0))
+
+
+# Which hand plays a track of a file from elsewhere.
+
+
+@tables("name, hand")
+def test_a_name_tells_the_hand_or_nothing(name, hand):
+    assert hand_of_name(name) == hand
+
+
+def track(pitches=(), name=None, program=None, channel=0, at_once=1):
+    """Messages of a track in which `at_once` of the pitches are struck together."""
+    messages = []
+    if name is not None:
+        messages.append(mido.MetaMessage("track_name", name=name))
+    if program is not None:
+        messages.append(mido.Message("program_change", program=program, channel=channel))
+    for first in range(0, len(pitches), at_once):
+        chord = pitches[first : first + at_once]
+        messages += [mido.Message("note_on", note=p, channel=channel) for p in chord]
+        for i, pitch in enumerate(chord):
+            time = 100 if i == 0 else 0
+            messages.append(mido.Message("note_off", note=pitch, time=time, channel=channel))
+    return messages
+
+
+def hands(tmp_path, *tracks):
+    """Return the hands of the notes of a file, by pitch."""
+    file = mido.MidiFile()
+    file.tracks = [mido.MidiTrack(messages) for messages in tracks]
+    file.save(tmp_path / "a.mid")
+    return {note.pitch: note.hand for note in read_midi(tmp_path / "a.mid").notes}
+
+
+@tables("why, tracks, expected")
+def test_hands_of_tracks_are_told_by_names_and_register(tmp_path, why, tracks, expected):
+    assert hands(tmp_path, *(track(**one) for one in tracks)) == expected, why
+
+
+def test_two_channels_of_one_track_are_like_two_tracks(tmp_path):
+    assert hands(tmp_path, track([48], channel=3) + track([72])) == {48: "left", 72: "right"}

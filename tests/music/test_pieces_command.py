@@ -86,7 +86,7 @@ class TestImport:
         assert "interrupted" in err
         assert "Traceback" not in err
         assert 0 < len(Library().names()) < 8
-        run("import", tmp_path / "many", "--jobs", "1")
+        run("import", tmp_path / "many", "--jobs", "1", "--fingering", "keep")  # which is quick
         assert len(Library().names()) == 8
         assert not list((data / "pieces").glob("*.partial"))
 

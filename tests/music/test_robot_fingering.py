@@ -76,14 +76,6 @@ def every_way(presses, sign):
     return follow(0, 0)
 
 
-def test_only_the_cheapest_ways_go_on(monkeypatch):
-    steps = enumerate(zip((0, 2, 4, 6, 3, 8, 1), (0, 1, 2, 0, 3, 4, 0), strict=True))
-    presses = notes(*((*one, 3 * i + 1, 3 * i + 3) for i, one in steps))
-    exact = choose(presses, 1, 0.0)
-    monkeypatch.setattr(robot, "_MOST_STATES", 1)
-    assert choose(presses, 1, 0.0) != exact
-
-
 @given(hand_presses(most=5), st.sampled_from([1, -1]))
 def test_no_other_fingers_cost_less(presses, sign):
     chosen = dict(zip(presses, choose(presses, sign), strict=True))

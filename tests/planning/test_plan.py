@@ -32,7 +32,6 @@ SCENES = pytest.mark.parametrize(
     "options",
     [
         {},
-        {"full": False},
         {"physics": "fast"},
         {"full": False, "gravity_compensation": False},
         {"full": False, "moving_keys": (key_of(70), key_of(80))},

@@ -16,7 +16,6 @@ from sb3_piano.music.fingering import without_fingers
 from sb3_piano.players import planned as pianist
 from sb3_piano.players.planned import PlannedPianist, Trackers
 from sb3_piano.vec_env import ThreadVecEnv
-from sb3_piano.wrappers import RandomPiece
 
 WELL = 0.75  # F1; it plays far better, but how well is not a matter of these tests
 PIECE = five_fingers()
@@ -203,21 +202,6 @@ def test_as_many_observations_as_environments_are_expected(solo):
 
 
 # Pieces that wrappers choose.
-
-
-@pytest.mark.slow
-def test_it_plays_each_of_the_pieces_that_are_chosen():
-    env = RandomPiece(piano(PIECE), [PIECE, OTHER])
-    player = PlannedPianist(env, QUICK)
-    env.reset(seed=0)
-    lengths = []
-    for _ in range(6):
-        info, actions = play(env, player)
-        assert info["f1"] > WELL
-        lengths.append(len(actions))
-        if len(set(lengths)) == 2:
-            break
-    assert len(set(lengths)) == 2
 
 
 @pytest.mark.filterwarnings("ignore:.*cannot be played")

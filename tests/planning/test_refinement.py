@@ -19,6 +19,7 @@ from sb3_piano.players.planned import PlannedPianist
 
 # A leap there and back, which costs the plan some frames.
 SCORE = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1), (0.5, 0.75, 60, 0))
+SHORT = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1))
 C_MAJOR = (72, 71, 69, 67, 65, 64, 62, 60)
 OTHER = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1), (0.5, 0.75, 62, 0))
 SETTINGS = PlanSettings(rounds=2, iterations=6)
@@ -61,6 +62,14 @@ def found(made, env):
         before = searching.f1
         searching.run(passes=1)
         return searching.plan, searching.f1, before
+
+
+@pytest.fixture(scope="module")
+def plain_file(made, env, tmp_path_factory):
+    """Return the file of a plan that was not refined."""
+    path = tmp_path_factory.mktemp("plans") / "plan.npz"
+    save_plan(path, made, env.goal.fingered_roll, env.scene, SETTINGS)
+    return str(path)
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +193,7 @@ def test_whoever_stops_it_keeps_the_best(made, env):
     ids=str,
 )
 def test_one_hand_fewer_joints_and_forearms_that_turn_are_refined_too(options):
-    env = stage(**options)
+    env = stage(SHORT, **options)
     with refinement(planned(env), env) as searching:
         before = searching.f1
         searching.run(passes=1)
@@ -207,23 +216,23 @@ def test_one_hand_fewer_joints_and_forearms_that_turn_are_refined_too(options):
     ],
     ids=["piece", "physics", "joints", "forearms"],
 )
-def test_a_plan_for_something_else_is_refused(file, score, options, message):
+def test_a_plan_for_something_else_is_refused(plain_file, score, options, message):
     env = stage(score, **options)
     with pytest.raises(ConfigError, match=message):
-        PlannedPianist(env, plan=file).predict(env.reset()[0])
+        PlannedPianist(env, plan=plain_file).predict(env.reset()[0])
 
 
-def test_a_file_that_does_not_name_the_joints_of_forearms_has_the_default_ones(file, env, tmp_path):
-    with np.load(file) as arrays:
+def test_a_file_that_does_not_name_the_joints_of_forearms_has_the_default_ones(
+    plain_file, made, env, tmp_path
+):
+    with np.load(plain_file) as arrays:
         content = dict(arrays)
     header = json.loads(content["header"].tobytes())
     del header["scene"]["forearm_dofs"], header["scene"]["hand"]
     content["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     np.savez(tmp_path / "older.npz", **content)
     kept = load_plan(tmp_path / "older.npz", env.goal.fingered_roll, env.scene)
-    np.testing.assert_array_equal(
-        kept.commands, load_plan(file, env.goal.fingered_roll, env.scene).commands
-    )
+    np.testing.assert_array_equal(kept.commands, made.commands)
 
 
 def test_settings_are_read_from_a_plan_of_any_length(tmp_path):

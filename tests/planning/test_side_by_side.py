@@ -42,13 +42,6 @@ def test_each_is_told_what_all_have_in_their_order():
 
 
 @pytest.mark.slow
-def test_in_two_processes_the_result_is_the_same():
-    (one, here), (other, there) = in_two_processes(growing, 1, 10)
-    assert (one, other) == (442, 451)
-    assert here == os.getpid() != there
-
-
-@pytest.mark.slow
 def test_if_the_other_process_is_killed_all_is_done_in_this_one():
     (one, here), (other, there) = in_two_processes(killed_elsewhere, 1, 10)
     assert (one, other) == (442, 451)

@@ -55,16 +55,6 @@ def test_commands_stay_in_the_control_ranges_however_far_off_hands_are(made):
     assert ((told == SCENE.ctrl_low) | (told == SCENE.ctrl_high)).any()
 
 
-def test_many_hands_are_told_the_same_as_each_alone(made):
-    tracker = Tracker(made, SCENE, 0.5)
-    random = np.random.default_rng(2)
-    positions = made.positions[9] + random.uniform(-0.1, 0.1, (5, SCENE.model.nu))
-    together = tracker.controls(9, positions)
-    assert together.shape == positions.shape
-    alone = np.stack([tracker.controls(9, one) for one in positions])
-    np.testing.assert_allclose(together, alone, atol=1e-12)
-
-
 def test_after_the_last_step_the_last_one_goes_on(made):
     tracker = Tracker(made, SCENE, 0.5)
     np.testing.assert_array_equal(

@@ -233,7 +233,7 @@ class Elbow(Block):
 @pytest.mark.parametrize("piece", ["scale-DbMajor", "hanon-11"])
 def test_the_network_that_is_shipped_plays_pieces_that_it_never_saw(piece):
     assert piece in HELD_OUT
-    part = load_score(piece).excerpt(0.0, 8.0)
+    part = load_score(piece).excerpt(0.0, 4.0)
     env = PianoEnv(part, fingering="robot", reduced_action_space=False, initial_buffer_time=0.5)
     info = play_episode(env, make_player("sight-reader", env))
     assert info["f1"] > 0.85

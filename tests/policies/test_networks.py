@@ -16,7 +16,7 @@ from sb3_piano.wrappers import Lookahead, PreviousActionReward
 
 ALGORITHMS = {"SAC": SAC, "TD3": TD3, "TQC": TQC}
 KINDS = Tables(__file__)["kinds"]
-SMALL = {"batch_size": 16, "buffer_size": 100, "learning_starts": 20, "seed": 0, "device": "cpu"}
+SMALL = {"batch_size": 16, "buffer_size": 100, "learning_starts": 8, "seed": 0, "device": "cpu"}
 TAU = 0.25
 
 
@@ -34,14 +34,14 @@ def piano():
     ids=lambda param: "-".join(param),
 )
 def trained(request):
-    """A model after 24 steps and four updates, and its weights before the last update."""
+    """A model after 12 steps and four updates, and its weights before the last update."""
     name, kind = request.param
     prefix, policy_kwargs = KINDS[kind]
     kwargs = {"policy_kwargs": dict(policy_kwargs)}  # to which SB3 adds some
     kwargs |= {"policy_delay": 1} if name == "TD3" else {}
     policy = getattr(policies, f"{prefix}{name}Policy")
     model = ALGORITHMS[name](policy, piano(), tau=TAU, **SMALL, **kwargs)
-    model.learn(23)
+    model.learn(11)
     before = copy.deepcopy(model.policy.state_dict())
     model.train(gradient_steps=1, batch_size=16)
     return model, before

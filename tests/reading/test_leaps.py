@@ -79,17 +79,6 @@ def test_a_finger_that_strikes_its_key_again_at_once_does_not_leave_it(rest, rep
     assert not first.leaps
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_leap_leaves_a_gap(sign):
-    presses = white_keys(0, 7, sign=sign)
-    before, after = time_presses(presses, sign)
-    assert gap(presses, sign) >= robot.LEAP_STEPS
-    assert (before.leaps, after.leaps) == (True, False)
-    # What is not next to the leap stays.
-    assert before.first == before.press.first
-    assert after.last == after.press.last
-
-
 @pytest.mark.parametrize(("length", "late"), [(LONG, 0), (3, 0), (2, 1), (1, 2)])
 def test_a_leap_takes_from_the_note_before_all_but_a_state_then_from_the_next_strike(length, late):
     before = Press(WHITE[MIDDLE], 2, 1, length)

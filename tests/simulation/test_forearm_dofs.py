@@ -109,9 +109,9 @@ def test_offsets_of_right_hands_move_left_ones_in_the_mirror():
 def test_forearms_touch_where_mujoco_finds_a_contact_of_theirs(physics, dofs):
     scene = scene_of(full=False, physics=physics, forearm_dofs=dofs)
     forearm = [scene.model.body(f"{side}h_shadow_hand/{side}h_forearm").id for side in "rl"]
-    right, left = (random_positions(hand_of(scene, hand), 150, seed=hand) for hand in (0, 1))
+    right, left = (random_positions(hand_of(scene, hand), 60, seed=hand) for hand in (0, 1))
     along = hand_of(scene, 0).along  # the hands meet, and pass each other
-    right[:, along] = np.random.default_rng(2).uniform(-0.4, 0.1, 150)
+    right[:, along] = np.random.default_rng(2).uniform(-0.4, 0.1, 60)
     left[:, along] = 0.0
     found = []
     for one, other in zip(right, left, strict=True):
@@ -119,4 +119,4 @@ def test_forearms_touch_where_mujoco_finds_a_contact_of_theirs(physics, dofs):
         bodies = scene.model.geom_bodyid[data.contact.geom]
         found.append(any(sorted(pair) == sorted(forearm) for pair in bodies.tolist()))
         assert scene.forearms_touch(data) == found[-1]
-    assert 10 < sum(found) < 140
+    assert 4 < sum(found) < 56

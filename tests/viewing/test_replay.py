@@ -85,6 +85,12 @@ def test_without_the_player_the_message_says_how_to_get_it_before_anything_plays
         write_report("a folder that is not there", replay=True)
 
 
+def test_a_report_without_it_does_not_speak_of_it(recorded):
+    _, recording = recorded
+    html = report_html(Report(performance=recording.performance, metrics=recording.metrics))
+    assert "Replay" not in Page(html).text
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("player")
 def test_the_page_shows_it_and_goes_where_the_slider_is(recorded, tab, tmp_path):
@@ -108,9 +114,3 @@ def test_the_page_shows_it_and_goes_where_the_slider_is(recorded, tab, tmp_path)
     expect(clock).to_have_text(f"{steps / 20:.1f} s")
     expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
     expect(page.locator("[data-replay=problem]")).to_be_empty()
-
-
-def test_a_report_without_it_does_not_speak_of_it(recorded):
-    _, recording = recorded
-    html = report_html(Report(performance=recording.performance, metrics=recording.metrics))
-    assert "Replay" not in Page(html).text

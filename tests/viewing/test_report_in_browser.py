@@ -134,9 +134,9 @@ def test_marks_are_hidden_and_shown_by_the_legend(three_notes_tab):
 
 
 def test_a_long_piece_is_walked_through_by_buttons_and_by_dragging(tab, roll, tmp_path):
-    played = long_performance(400)
+    played = long_performance(260)
     end = played.roll.duration
-    tab.open(written(tmp_path / "long.html", played))
+    tab.open(written(tmp_path / "long.html", played, curves={}))
     due = sum(roll.count(f"due-{name}") for name in (
         *("thumb", "index-finger", "middle-finger", "ring-finger", "little-finger"), "any-finger"
     ))  # fmt: skip
@@ -176,7 +176,8 @@ def test_a_long_piece_is_walked_through_by_buttons_and_by_dragging(tab, roll, tm
 def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page(
     tab, roll, tmp_path
 ):
-    tab.open(written(tmp_path / "long.html", long_performance(300), facts=[("run", "x" * 300)]))
+    settings = {"facts": [("run", "x" * 300)], "curves": {}}
+    tab.open(written(tmp_path / "long.html", long_performance(260), **settings))
     assert tab.page.evaluate("document.documentElement.scrollWidth") == 390
     assert tab.page.evaluate("innerWidth") == 390
     assert tab.right_edge("main *:not(svg *)") <= 390

@@ -18,11 +18,8 @@ from sb3_piano.lab.music import CorpusExcerpt
 from sb3_piano.layers import layers
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import (
-    DomainRandomization,
     Excerpt,
     FingeringDecay,
-    HandActions,
-    HandReward,
     HideFingering,
     HindsightFlag,
     KeyRange,
@@ -45,27 +42,12 @@ PIECE = score_of(
 OTHER = score_of((0.0, 0.15, 62, 1), (0.1, 0.2, 67, 4), title="other")
 
 # Each with the arguments that YAML would give it, and as random as it can be.
+tables = Tables(__file__)
 ARGUMENTS = {
-    PitchShift: {"semitones": [-2, 3]},
-    OctaveShift: {"octaves": [-1, 1]},
-    TemporalStretch: {"factor": [0.5, 2]},
-    RandomPiece: {"pieces": [PIECE, OTHER], "weights": [1, 2]},
-    CorpusExcerpt: {"corpus": {"seed": 3, "n": 2, "duration": 0.5}},
-    Excerpt: {"start": "random", "length": 0.1},
-    KeyRange: {"keys": [36, 91]},
-    Lookahead: {"steps": 4, "stride": 2, "fingers": True},
-    DomainRandomization: {"mass": [0.5, 2], "latency": [0, 2], "observation_noise": 0.01},
-    HandActions: {"reach": 0.8},
-    HandReward: {"own": 0.5, "within": 0.2, "strikes": 0.1},
-    HideFingering: {},
-    HindsightFlag: {},
-    Pixels: {"width": 40, "height": 36, "camera": "topdown", "alone": True},
-    PreviousActionReward: {},
-    RewardWeights: {"weights": {"energy": 0, "key_press": 2}},
-    FingeringDecay: {"n_steps": 10, "start": 3},
-    KeyRewardTiering: {},
-    RewardTiering: {"threshold": 0.4},
+    getattr(sb3_piano.wrappers, name, CorpusExcerpt): arguments
+    for name, arguments in tables["arguments"].items()
 }
+ARGUMENTS[RandomPiece]["pieces"] = [PIECE, OTHER]
 
 
 def single(wrapper):
@@ -127,12 +109,6 @@ def play(env, episodes=4, seed=7):
     return np.array(observations), rewards
 
 
-def assert_equal_playing(first, second):
-    (observations, rewards), (others, other_rewards) = play(first), play(second)
-    np.testing.assert_array_equal(observations, others)
-    assert rewards == other_rewards
-
-
 def test_no_wrapper_is_left_out():
     named = [getattr(sb3_piano.wrappers, name) for name in sb3_piano.wrappers.__all__]
     kinds = {kind for kind in named if isinstance(kind, type) and issubclass(kind, gym.Wrapper)}
@@ -163,33 +139,27 @@ def test_it_works_with_one_hand(stack, side):
 
 
 @pytest.mark.slow
-def test_the_seed_decides_everything_in_one_environment_and_in_a_new_one(stack, env):
-    assert_equal_playing(env, stack(piano()))
-    env.unwrapped.total_steps = 0  # for schedules, which go on
-    assert_equal_playing(env, stack(piano()))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_goes_on_like_the_original(env, clone):
+def test_equal_seeds_play_alike_in_it_again_in_copies_and_in_what_the_spec_makes(stack, env):
+    observations, rewards = play(env)
+    made = gym.make(env.spec)
+    assert [type(layer) for layer in layers(made)] == [type(layer) for layer in layers(env)]
+    assert made.observation_space == env.observation_space
     env.reset(seed=1)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
     for _ in range(2):
         env.step(action)
-    twin = clone(env)
-    assert twin.unwrapped is not env.unwrapped
-    (following, reward, *_), (of_twin, its_reward, *_) = env.step(action), twin.step(action)
-    np.testing.assert_array_equal(following, of_twin)
-    assert reward == its_reward
-    assert_equal_playing(env, twin)
-
-
-@pytest.mark.slow
-def test_the_spec_makes_the_same_stack_again(env):
-    made = gym.make(env.spec)
-    assert [type(layer) for layer in layers(made)] == [type(layer) for layer in layers(env)]
-    assert made.observation_space == env.observation_space
-    assert_equal_playing(env, made)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    following, reward, *_ = env.step(action)
+    for twin in copies:  # which go on from where it was
+        assert twin.unwrapped is not env.unwrapped
+        of_twin, its_reward, *_ = twin.step(action)
+        np.testing.assert_array_equal(following, of_twin)
+        assert reward == its_reward
+    for other in (env, made, *copies):
+        other.unwrapped.total_steps = 0  # for schedules, which go on
+        of_other, its_rewards = play(other)
+        np.testing.assert_array_equal(observations, of_other)
+        assert rewards == its_rewards
 
 
 @pytest.mark.slow
@@ -238,7 +208,7 @@ def test_what_is_no_piano_is_refused(wrapper):
             wrapper(gym.make(env_id), **ARGUMENTS[wrapper])
 
 
-@Tables(__file__)("wrapper, changes, message")
+@tables("wrapper, changes, message")
 def test_a_wrong_argument_is_refused_by_name_and_value(wrapper, changes, message):
     kind = getattr(sb3_piano.wrappers, wrapper)
     with pytest.raises((ConfigError, ScoreError, UnknownPieceError), match=message):

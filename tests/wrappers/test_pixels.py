@@ -10,6 +10,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv
+from yaml_rows import Tables
 
 from sb3_piano.buffers import CompactDictReplayBuffer, CompactReplayBuffer
 from sb3_piano.buffers.rows import buffer_rows
@@ -28,7 +29,7 @@ def piano(**options):
     return gym.make("RoboPianist-v0", score=PIECE, physics="fast", **options)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def env():
     wrapped = Pixels(piano())
     yield wrapped
@@ -87,7 +88,7 @@ def test_it_draws_the_scene_in_which_other_keys_are_rigid_now():
     env.close()
 
 
-def filled(kind, env, size=12, steps=20):
+def filled(kind, env, size=6, steps=9):
     """Return a replay buffer after some steps, over several episodes."""
     buffer = kind(size, env.observation_space, env.action_space, device="cpu", n_envs=1)
     random = np.random.default_rng(0)
@@ -107,7 +108,7 @@ def assert_equal_batches(*buffers):
     batches = []
     for buffer in buffers:
         set_random_seed(1)
-        batches.append(buffer.sample(64))
+        batches.append(buffer.sample(16))
     ours, theirs = batches
     for part in ("observations", "next_observations"):
         for name, array in getattr(theirs, part).items():
@@ -122,7 +123,7 @@ class TestBuffer:
 
     def test_it_takes_half_of_the_memory(self, env, tell):
         ours, theirs = (
-            filled(kind, env, size=400, steps=5)
+            filled(kind, env, size=400, steps=2)
             for kind in (CompactDictReplayBuffer, DictReplayBuffer)
         )
         arrays = (*theirs.observations.values(), *theirs.next_observations.values())
@@ -135,9 +136,9 @@ class TestBuffer:
 
     def test_its_rows_are_saved_and_put_back(self, env):
         buffer = filled(CompactDictReplayBuffer, env)
-        rows = np.arange(12)
+        rows = np.arange(6)
         saved = {name: np.array(part) for name, part in buffer_rows(buffer).take_rows(rows).items()}
-        fresh = CompactDictReplayBuffer(12, env.observation_space, env.action_space, device="cpu")
+        fresh = CompactDictReplayBuffer(6, env.observation_space, env.action_space, device="cpu")
         fresh.put_rows(rows, saved)
         fresh.pos, fresh.full = buffer.pos, buffer.full
         assert_equal_batches(buffer, fresh)
@@ -169,38 +170,17 @@ def test_of_several_environments_one_is_copied_to_be_judged():
 
 @pytest.mark.slow
 def test_a_run_may_normalise_what_stands_beside_the_picture(tmp_path):
-    config = RunConfig(
-        algo="sac",
-        env_id="RoboPianist-debug-CMajorScaleOneHand-v0",
-        n_timesteps=12,
-        policy="MultiInputPolicy",
-        env_kwargs={"physics": "fast"},
-        env_wrapper=[
-            {"sb3_piano.wrappers.Excerpt": {"length": 0.2}},
-            {"sb3_piano.wrappers.Pixels": {"width": 40, "height": 40}},
-        ],
-        normalize={"norm_obs_keys": ["observation"]},
-        callback=[{"sb3_piano.callbacks.F1Callback": {"eval_freq": 12}}],
-        algorithm_kwargs={**TINY, "replay_buffer_class": CompactDictReplayBuffer},
-        seed=0,
-    )
+    config = RunConfig(**Tables(__file__)["run"])
     assert train(config, tmp_path / "run", progress_bar=False).num_timesteps == 12
     assert evaluate(tmp_path / "run").num_timesteps == 12
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("alone", "policy", "buffer"),
-    [
-        (False, "MultiInputPolicy", CompactDictReplayBuffer),
-        (True, "CnnPolicy", CompactReplayBuffer),
-    ],
-)
-def test_stock_sac_trains_on_it(alone, policy, buffer):
-    env = Pixels(piano(), 48, 40, alone=alone)
-    changes = {"learning_starts": 8, "batch_size": 8, "replay_buffer_class": buffer}
-    model = SAC(policy, env, **{**TINY, **changes})
+def test_stock_sac_trains_on_pictures_alone():
+    env = Pixels(piano(), 48, 40, alone=True)
+    changes = {"learning_starts": 8, "batch_size": 8, "replay_buffer_class": CompactReplayBuffer}
+    model = SAC("CnnPolicy", env, **{**TINY, **changes})
     before = [parameter.clone() for parameter in model.actor.parameters()]
-    model.learn(24)
+    model.learn(12)
     assert any((a != b).any() for a, b in zip(before, model.actor.parameters(), strict=True))
     env.close()

@@ -59,19 +59,6 @@ class TestChoice:
         with pytest.raises(ScoreError, match="000.mid"):
             RandomPiece(piano(), paths[:100])
 
-    def test_of_many_pieces_a_hundred_are_kept(self, tmp_path):
-        paths = [tmp_path / f"{index:03}.mid" for index in range(120)]
-        for path in paths:
-            write_midi(melody(60), path)
-        env, random = RandomPiece(piano(), paths), np.random.default_rng(0)
-        read = {}
-        while len(read) < 101:
-            score = env.choose(random)
-            read.setdefault(score.title, score)
-        again = {(score := env.choose(random)).title: score for _ in range(2000)}
-        assert len(again) == 120
-        assert any(again[title] is not score for title, score in read.items())
-
 
 class TestPlaceInTheStack:
     @pytest.mark.parametrize(

@@ -8,11 +8,13 @@ that is pushed to its end is fully down in both, one that is up has a closeness 
 import numpy as np
 import pytest
 from short_scores import score_of
+from yaml_rows import Tables
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.wrappers import KeyRewardTiering, RewardTiering
 
+tables = Tables(__file__)
 TOLERANCE = 0.0003
 
 # Two keys are due for six control steps; in the seventh, none is.
@@ -67,21 +69,7 @@ def test_where_nothing_is_due_the_term_stays(piano, keys, expected):
     assert play(KeyRewardTiering(piano), keys, steps=7)[1]["key_press"] == expected
 
 
-@pytest.mark.parametrize(
-    ("notes", "options", "held", "expected"),
-    [
-        # First only C is due, then only E: holding C is right, then wrong, then wrong in silence.
-        ([(0.0, 0.1, 60, 0), (0.1, 0.2, 64, 2)], {}, [[C4]] * 5, [1.0, 1.0, 0.0, 0.0, 0.0]),
-        # C is asked for in the two steps before those that it is written in.
-        (
-            [(0.15, 0.25, 60, 0)],
-            {"goal_time": "end", "trim_silence": False},
-            [()] * 3 + [[C4]] * 3,
-            [0.5, 0.5, 0.0, 1.0, 0.0, 0.0],
-        ),
-    ],
-    ids=["beginning", "end"],
-)
+@tables("notes, options, held, expected", ids=["beginning", "end"])
 def test_each_step_is_compared_with_its_own_goal(notes, options, held, expected):
     env = KeyRewardTiering(PianoEnv(score_of(*notes), physics="fast", **options))
     env.reset(seed=0)
@@ -92,19 +80,9 @@ def test_each_step_is_compared_with_its_own_goal(notes, options, held, expected)
 # Energy and forearms only once the keys are pressed well.
 
 
-@pytest.mark.parametrize(
-    ("keys", "steps", "thresholds"),
-    [
-        ((), 2, {0.75: False, 0.5: True}),  # 0.5001
-        ((), 7, {0.5: False}),  # a rest: 0.5, which the default has to be exceeded by
-        ((WRONG,), 2, {0.5: False}),  # 0.0001
-        ((C4,), 2, {0.74: True, 0.76: False}),  # 0.75
-        ((C4, E4), 2, {0.75: True, 1: False}),  # 1 does not exceed 1
-        ((C4, E4, WRONG), 2, {0.75: False}),  # 0.5
-        (range(NUM_KEYS), 2, {0.0: True}),
-    ],
-)
+@tables("keys, steps, thresholds")
 def test_comfort_counts_above_the_threshold(piano, keys, steps, thresholds):
+    keys = range(NUM_KEYS) if keys == "all" else keys
     _, terms = play(piano, keys, steps)
     assert (terms["forearm"], terms["energy"] < 0.0) == (1.0, True)
     for threshold, counts in thresholds.items():

@@ -68,20 +68,21 @@ HEAVY = (
 )
 
 
-# One after the other in one process, and what has not been imported until then.
-PROGRAMS = {
-    "import sb3_piano": HEAVY,
-    "from sb3_piano.cli import main\nwith suppress(SystemExit): main(['--help'])": HEAVY,
-    "print(sb3_piano.envs.PianoEnv.__name__, hasattr(sb3_piano, 'nothing'))": DRAWING | LEARNING,
-    "import sb3_piano.envs, sb3_piano.viewing, sb3_piano.wrappers": (
-        DRAWING | LEARNING | {"scipy.optimize", "scipy.ndimage"}
-    ),
-}
 HELP = """
 from sb3_piano.cli.main import COMMANDS, parser_of
 for name in COMMANDS.keys() - {'corpus'}:  # read from its settings
     parser_of([name])
 """
+# One after the other in one process, and what has not been imported until then.
+PROGRAMS = {
+    "import sb3_piano": HEAVY,
+    "from sb3_piano.cli import main\nwith suppress(SystemExit): main(['--help'])": HEAVY,
+    HELP: {"torch", "stable_baselines3", "mujoco", "OpenGL", "scipy"},
+    "print(sb3_piano.envs.PianoEnv.__name__, hasattr(sb3_piano, 'nothing'))": DRAWING | LEARNING,
+    "import sb3_piano.envs, sb3_piano.viewing, sb3_piano.wrappers": (
+        DRAWING | LEARNING | {"scipy.optimize", "scipy.ndimage"}
+    ),
+}
 PLANNER = """
 from sb3_piano import envs, music, players
 env = envs.PianoEnv(music.Score(notes=[music.Note(onset=0.5, offset=0.7, pitch=60)]))
@@ -94,10 +95,9 @@ TELL = "\nprint('modules', *sys.modules)\n"
     "programs",
     [
         PROGRAMS,
-        {HELP: {"torch", "stable_baselines3", "mujoco", "OpenGL", "scipy"}},
         pytest.param({PLANNER: DRAWING | LEARNING}, marks=pytest.mark.slow),
     ],
-    ids=["parts", "help of commands", "planner"],
+    ids=["parts", "planner"],
 )
 def test_what_takes_long_to_be_imported_is_not_where_it_is_not_needed(programs):
     text = "".join(program + TELL for program in programs)

@@ -61,7 +61,7 @@ ONE_HAND = {
     for side, thumb in (("right", 0), ("left", 5))
 }
 OPTIONS = [
-    *({"observation": observation} for observation in ("roll", "fingers")),
+    {"observation": "roll"},
     {"observation": "hands", "wrappers": HANDS},
     ONE_HAND["right"],
     {"hands_in_scene": "none"},

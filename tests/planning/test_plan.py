@@ -33,8 +33,7 @@ SCENES = pytest.mark.parametrize(
     [
         {},
         {"physics": "fast"},
-        {"full": False, "gravity_compensation": False},
-        {"full": False, "moving_keys": (key_of(70), key_of(80))},
+        {"full": False, "gravity_compensation": False, "moving_keys": (key_of(70), key_of(80))},
     ],
     ids=str,
 )

@@ -230,10 +230,9 @@ class Elbow(Block):
     name, meaning = "elbow", "nothing that a hand knows"
 
 
-@pytest.mark.parametrize("piece", ["scale-DbMajor", "hanon-11"])
-def test_the_network_that_is_shipped_plays_pieces_that_it_never_saw(piece):
-    assert piece in HELD_OUT
-    part = load_score(piece).excerpt(0.0, 4.0)
+def test_the_network_that_is_shipped_plays_a_piece_that_it_never_saw():
+    assert "hanon-11" in HELD_OUT
+    part = load_score("hanon-11").excerpt(0.0, 4.0)
     env = PianoEnv(part, fingering="robot", reduced_action_space=False, initial_buffer_time=0.5)
     info = play_episode(env, make_player("sight-reader", env))
     assert info["f1"] > 0.85

@@ -111,7 +111,7 @@ def test_it_learns_is_the_same_after_loading_and_learns_on(name, tmp_path):
         optimised = [p for group in part.optimizer.param_groups for p in group["params"]]
         assert {id(p) for p in optimised} == {id(p) for p in part.parameters()}
     before = hand_weights(model.policy)
-    model.learn(32)
+    model.learn(12)  # of PPO its 32 steps
     for part, tensor in hand_weights(model.policy).items():
         assert torch.equal(tensor, before[part]) == part.startswith("standardize."), part
     set_standardization(model.policy, np.full(N, 0.3), np.full(N, 2.0))
@@ -159,7 +159,7 @@ def test_exploration_is_small_at_first_and_learnt(name):
     np.testing.assert_allclose(spread, np.exp(-3.0), rtol=0.1)
     log_std = model.actor.log_std.values if name == "sac" else model.policy.log_std
     before = log_std.detach().clone()
-    model.learn(32)
+    model.learn(12)
     assert not torch.equal(log_std, before)
 
 
@@ -248,7 +248,7 @@ def test_the_actor_waits_until_the_critic_has_learnt(name):
     before = acted(model)
     critic = model.policy.value_net if name == "ppo" else model.policy.critic
     start = torch.nn.utils.parameters_to_vector(critic.parameters()).clone()
-    model.learn(32)
+    model.learn(12)
     np.testing.assert_array_equal(acted(model), before)
     assert not torch.equal(torch.nn.utils.parameters_to_vector(critic.parameters()), start)
 
@@ -257,7 +257,7 @@ def test_the_actor_waits_until_the_critic_has_learnt(name):
 def test_actions_may_be_exactly_0_at_first(name, tmp_path):
     model = make(name, zero_start=True)
     assert (acted(model) == 0).all()
-    model.learn(32)
+    model.learn(12)
     assert (acted(model) != 0).all()
     model.save(tmp_path / "model.zip")
     loaded = MODELS[name].load(tmp_path / "model.zip")

@@ -23,7 +23,7 @@ STOCK = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "tqc": TQC, "crossq": CrossQ}
 ALGORITHMS = {name: (algorithm, "MlpPolicy", {}) for name, algorithm in STOCK.items()}
 ALGORITHMS["regularized"] = (SAC, RegularizedSACPolicy, {"dropout": 0.0})
 ALGORITHMS["encoder"] = (SAC, EncoderSACPolicy, {"dropout": 0.0})
-SMALL = {"learning_starts": 40, "buffer_size": 100}
+SMALL = {"learning_starts": 20, "buffer_size": 100}
 
 
 def make(algorithm=SAC, policy="MlpPolicy", policy_kwargs=None, **env_kwargs):
@@ -36,7 +36,7 @@ def learnt(model):
     return {name: value.detach().clone() for name, value in model.policy.state_dict().items()}
 
 
-def update(model, times=4):
+def update(model, times=3):
     set_random_seed(0)  # what buffers and policies draw from
     model.train(gradient_steps=times, batch_size=32)
     return learnt(model)
@@ -54,7 +54,7 @@ def like(model):
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_updates_learn_the_same_but_for_rounding(name):
     stock = make(*ALGORITHMS[name])
-    stock.learn(40)
+    stock.learn(20)
     before, sparing = learnt(stock), like(stock)
     expected = update(stock)
     with fast_updates(sparing):

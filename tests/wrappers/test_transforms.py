@@ -27,7 +27,7 @@ def shifts(env, score, count):
 
 
 class TestFixedShift:
-    @settings(max_examples=20)
+    @settings(max_examples=10)
     @given(score=scores(FINGERS), data=st.data(), octaves=st.integers(-3, 4))
     def test_a_shift_and_its_opposite_play_the_piece_itself(self, score, data, octaves):
         low, high = score.pitch_range
@@ -69,7 +69,7 @@ def factors(env, count, *, seed=0):
     return [env.change(score, random).duration for _ in range(count)]
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(score=scores(FINGERS), factor=st.floats(0.1, 10.0))
 def test_a_piece_is_stretched_with_its_pedals_and_bars(score, factor):
     slow, expected = (

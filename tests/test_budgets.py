@@ -26,19 +26,19 @@ LINES = {
     "cli": 3_440,
     "demonstrations": 1_502,
     "envs": 2_886,
-    "hands": 901,
+    "hands": 650,
     "hyperparams": 39,
     "interop": 236,
     "jobs": 731,
     "lab": 7_596,
     "metrics": 1_416,
-    "music": 8_845,
+    "music": 8_843,
     "pipelines": 1_009,
-    "planning": 2_989,
+    "planning": 3_133,
     "players": 2_290,
     "policies": 1_682,
     "reading": 449,
-    "simulation": 900,
+    "simulation": 898,
     "training": 6_328,
     "tuning": 1_260,
     "vec_env": 491,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_767, "modules": 336, "names": 226},
+    "core": {"lines": 50_656, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 42_103},
+    "tests": {"lines": 42_115},
 }
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_parts import SETTINGS, hand_of, keys_of, random_positions, rest_of, scene_of
+from hand_parts import SETTINGS, arm_of, hand_of, keys_of, random_positions, rest_of, scene_of
 
 from sb3_piano.music.presses import Press
 from sb3_piano.planning.hand_cost import HandCost
@@ -29,7 +29,7 @@ def cost_of(hand, frames, bound=None, full=True):
     kinematics = hand_of(scene_of(full=full), hand)
     if bound is None:
         bound = np.full(len(frames.weight), -kinematics.sign * FAR)
-    return HandCost(kinematics, frames, bound)
+    return HandCost(kinematics, arm_of(scene_of(full=full), hand), frames, bound)
 
 
 def total(cost, positions, kind=None):
@@ -53,7 +53,7 @@ def busy_cost(hand, full=True, n_states=24):
     share = random.uniform(0, 0.5, (n_states, 1))
     positions = (1 - share) * rest_of(scene, hand) + share * random_positions(kinematics, n_states)
     positions[:, kinematics.names.index("forearm_tx")] *= 0.2  # near the keys of the presses
-    bound = kinematics.arm(positions) + random.uniform(-0.02, 0.02, n_states)
+    bound = arm_of(scene, hand).place(positions) + random.uniform(-0.02, 0.02, n_states)
     return cost_of(hand, frames, bound, full), positions
 
 

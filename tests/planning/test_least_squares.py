@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_parts import hand_of, keys_of, scene_of, whole_hand
+from hand_parts import arm_of, hand_of, keys_of, scene_of, whole_hand
 from scipy.optimize import Bounds, minimize
 
 from sb3_piano.music.presses import Press
@@ -27,7 +27,7 @@ class Parts:
         frames = key_frames(timed, sign, N_STATES, kinematics.radius, keys)
         bound = np.full(N_STATES, -10.0 * sign) if bound is None else bound
         self.kinematics = kinematics
-        self.cost = HandCost(kinematics, frames, bound)
+        self.cost = HandCost(kinematics, arm_of(scene, hand), frames, bound)
         self.before = np.zeros((2, kinematics.size))
         self.smoothness = Smoothness(kinematics, self.before, N_STATES)
         self.hand = whole_hand(scene, hand)

@@ -25,7 +25,7 @@ LINES = {
     "callbacks": 2_891,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_886,
+    "envs": 2_811,
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
@@ -35,7 +35,7 @@ LINES = {
     "music": 8_843,
     "pipelines": 1_009,
     "planning": 3_133,
-    "players": 2_290,
+    "players": 2_289,
     "policies": 1_682,
     "reading": 449,
     "simulation": 898,
@@ -43,7 +43,7 @@ LINES = {
     "tuning": 1_260,
     "vec_env": 491,
     "viewing": 2_575,
-    "wrappers": 2_269,
+    "wrappers": 2_317,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_656, "modules": 336, "names": 226},
+    "core": {"lines": 50_628, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 42_115},
+    "tests": {"lines": 42_114},
 }
 
 

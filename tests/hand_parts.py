@@ -7,6 +7,7 @@ import numpy as np
 
 from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.planning import PlanSettings
+from sb3_piano.planning.arm import Arm
 from sb3_piano.planning.hand import Hand, resting_posture
 from sb3_piano.reading import KeyPlaces
 from sb3_piano.simulation import compile_scene
@@ -29,6 +30,11 @@ def keys_of(scene):
 @functools.cache
 def hand_of(scene, hand):
     return HandKinematics(scene, hand)
+
+
+@functools.cache
+def arm_of(scene, hand):
+    return Arm(scene, hand_of(scene, hand))
 
 
 def rest_of(scene, hand):

@@ -25,25 +25,25 @@ LINES = {
     "callbacks": 2_891,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_886,
-    "hands": 901,
+    "envs": 2_811,
+    "hands": 650,
     "hyperparams": 39,
     "interop": 236,
     "jobs": 729,
     "lab": 7_596,
     "metrics": 1_416,
-    "music": 8_845,
+    "music": 8_843,
     "pipelines": 1_009,
-    "planning": 2_987,
-    "players": 2_290,
+    "planning": 3_131,
+    "players": 2_289,
     "policies": 1_682,
     "reading": 449,
-    "simulation": 900,
+    "simulation": 898,
     "training": 6_328,
     "tuning": 1_260,
     "vec_env": 480,
     "viewing": 2_575,
-    "wrappers": 2_269,
+    "wrappers": 2_317,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_762, "modules": 336, "names": 226},
+    "core": {"lines": 50_623, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 40_355},
+    "tests": {"lines": 40_376},
 }
 
 

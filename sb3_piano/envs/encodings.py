@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -84,8 +84,9 @@ class FingerEncoding(Encoding):
         super().__init__(ObservationLayout([*blocks, *_joint_blocks(scene)]))
 
     def _read(self, roll: PianoRoll) -> None:
-        goals, fingers = FingerGoals.of(roll, self._horizon), self._scene.fingers
-        goal_key = goals.key[:, fingers]
+        check_labels(roll, "fingers")
+        goals = finger_goals(roll, self._horizon)
+        goal_key, onset, release = (each[:, self._scene.fingers] for each in goals)
         self._there = there = goal_key >= 0
         self._key = key = np.where(there, goal_key, 0)
         self._geom, self._offset = self._scene.press_geometry(key)
@@ -93,8 +94,8 @@ class FingerEncoding(Encoding):
         self._not_due = [int.from_bytes((~due).tobytes()) for due in roll.active]
         targets = np.zeros((*key.shape, 8))
         targets[:, :, 4] = there
-        targets[:, :, 5] = goals.onset[:, fingers] * self._timestep
-        targets[:, :, 6] = goals.release[:, fingers] * self._timestep
+        targets[:, :, 5] = onset * self._timestep
+        targets[:, :, 6] = release * self._timestep
         targets[:, :, 7] = there & KEY_IS_BLACK[key]
         changes = np.diff(roll.sustain, append=roll.sustain[-1])[:, None]
         until = np.minimum(_steps_until(changes, self._horizon) + 1, self._horizon)
@@ -150,34 +151,24 @@ def joint_facts(scene: PianoScene, limits: FloatArray) -> dict[str, Any]:
     }
 
 
-class FingerGoals(NamedTuple):
-    """Present or next note of each of ten fingers in T control steps."""
+def finger_goals(roll: PianoRoll, horizon: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Find the present or next note of each of ten fingers in T control steps.
 
-    key: IntArray
-    """(T, 10) key to press, -1 if the finger has no note within the horizon."""
-    onset: IntArray
-    """(T, 10) control steps until the key must be down (0: now), at most the horizon."""
-    release: IntArray
-    """(T, 10) control steps until it must be up again, at most the horizon."""
+    If labels give one finger several keys at once, its goal is the lowest.
 
-    @classmethod
-    def of(cls, roll: PianoRoll, horizon: int) -> FingerGoals:
-        """Find each finger's goals up to ``horizon`` control steps ahead.
-
-        If labels give one finger several keys at once, its goal is the lowest.
-
-        Raises:
-            ScoreError: If a note has no finger label.
-        """
-        check_labels(roll, "fingers")
-        held, steps = _held_keys(roll), np.arange(len(roll))[:, None]
-        # A repeated key is silent for a step before the strike. Every note ends at the last step.
-        ends = (held >= 0) & (np.diff(held, axis=0, append=-2) != 0)
-        onset, release = _steps_until(held >= 0, horizon), _steps_until(ends, horizon) + 1
-        key = np.take_along_axis(held, np.minimum(steps + onset, len(roll) - 1), axis=0)
-        seen = onset <= horizon
-        release = np.where(seen, np.minimum(release, horizon), horizon)
-        return cls(np.where(seen, key, -1), np.where(seen, onset, horizon), release)
+    Returns:
+        (T, 10) key to press, -1 if the finger has no note within the horizon; (T, 10) control steps
+        until the key must be down (0: now), and (T, 10) until it must be up again, at most the
+        horizon.
+    """
+    held, steps = _held_keys(roll), np.arange(len(roll))[:, None]
+    # A repeated key is silent for a step before the strike. Every note ends at the last step.
+    ends = (held >= 0) & (np.diff(held, axis=0, append=-2) != 0)
+    onset, release = _steps_until(held >= 0, horizon), _steps_until(ends, horizon) + 1
+    key = np.take_along_axis(held, np.minimum(steps + onset, len(roll) - 1), axis=0)
+    seen = onset <= horizon
+    release = np.where(seen, np.minimum(release, horizon), horizon)
+    return np.where(seen, key, -1), np.where(seen, onset, horizon), release
 
 
 def _steps_until(events: BoolArray, horizon: int) -> IntArray:

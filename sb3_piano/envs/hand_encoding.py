@@ -87,7 +87,7 @@ class HandEncoding(Encoding):
         self.slider = int(np.flatnonzero(self.qpos[0] == scene.slider_qpos[0])[0])
         self.joint_sign = np.ones(self.qpos.shape)
         self.joint_sign[:, self.slider] = self.sign[:, 0]
-        self.slope = float(shown.arm_slope[shown.along])
+        self.slope = shown.slope
         # The nearest key for each millimetre across the keyboard, and the start of the grid, m.
         self.lowest, highest = self.places.y[[0, -1]].tolist()
         cells = np.arange(self.lowest, highest, _GRID) + _GRID / 2

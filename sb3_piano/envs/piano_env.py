@@ -402,11 +402,7 @@ class PianoEnv(gym.Env[Any, Any]):
         Raises:
             EnvStateError: If ``state`` is no state, or from an environment with other options.
         """
-        if not isinstance(state, EnvState):
-            raise EnvStateError(
-                f"A {type(state).__name__} is no state: expected what get_state() returned."
-            )
-        self._check_physics(state.physics)
+        self._check(state, EnvState, "no state: expected what get_state() returned")
         state.check(self.config.simulation, self.goal.terms)
         self._set_score(state.score)
         if state.step > len(self.goal):
@@ -440,11 +436,7 @@ class PianoEnv(gym.Env[Any, Any]):
         Raises:
             EnvStateError: If it belongs to another simulation model.
         """
-        if not isinstance(moment, Snapshot):
-            raise EnvStateError(
-                f"A {type(moment).__name__} is no moment: expected what snapshot() returned."
-            )
-        self._check_physics(moment.physics)
+        self._check(moment, Snapshot, "no moment: expected what snapshot() returned")
         self.simulation.set_state(moment.physics)
         self._record = moment.record.fork()
         self._finished, self._pedal = moment.finished, moment.pedal
@@ -458,8 +450,11 @@ class PianoEnv(gym.Env[Any, Any]):
 
     # Internals.
 
-    def _check_physics(self, physics: npt.NDArray[np.float64]) -> None:
-        found, size = np.asarray(physics), self.simulation.state_size
+    def _check(self, state: Any, kind: type[EnvState | Snapshot], otherwise: str) -> None:
+        """Raise an EnvStateError unless a state is of a kind and its physics fits."""
+        if not isinstance(state, kind):
+            raise EnvStateError(f"A {type(state).__name__} is {otherwise}.")
+        found, size = np.asarray(state.physics), self.simulation.state_size
         if found.shape != (size,) or found.dtype.kind != "f" or not np.isfinite(found).all():
             raise EnvStateError(
                 f"The state holds {found.size} physics numbers, or they are not finite, but this "

@@ -1,76 +1,76 @@
-"""MuJoCo specification of a hand from its MJCF, with variants by the roles of its parts."""
+"""MuJoCo specification of a hand from its MJCF: its variants, and its mirror image."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
+
+from sb3_piano.arrays import FloatArray
 from sb3_piano.engine import mujoco
 from sb3_piano.exceptions import ConfigError, one_line
-from sb3_piano.hands.mirror import read_mirrored
-from sb3_piano.hands.spec import SPEC_FILE, HandSpec, Side
+from sb3_piano.hands.kinematics import rotation_matrix
+from sb3_piano.hands.spec import SPEC_FILE, HandSpec, ReducedActions, Side
 from sb3_piano.settings import refuse_unknown
 
 # Bits of contype and conaffinity. By default every geom of a hand collides with all others of both
 # hands, and with the keyboard, whose conaffinity is 1.
 _KEYBOARD, _OTHER_HAND = 1, 2
 
+_MIRROR = np.array([1.0, -1.0, 1.0])  # of the world: y is along the keyboard, and 0 in its middle
+
 
 def build_hand(
     hand: HandSpec,
     side: Side,
+    profile: Any,
     *,
     reduced_action_space: bool,
     forearm_dofs: Sequence[str],
     gravity_compensation: bool,
-    coupled_friction_only: bool = False,
-    playing_contacts_only: bool = False,
-    capsule_forearm: bool = False,
 ) -> mujoco.MjSpec:
     """Make the specification of a hand, to attach to a scene.
 
     Args:
         hand: The hand.
         side: ``"right"`` or ``"left"``.
+        profile: A ``PhysicsProfile``, for its simplifications of friction, contacts and forearms.
         reduced_action_space: Remove joints and narrow others as in the hand's specification.
         forearm_dofs: The forearm's joints; others are removed.
         gravity_compensation: Balance the weight of every body of the hand by a force.
-        coupled_friction_only: Keep dry friction in coupled joints only, see
-            :class:`~sb3_piano.simulation.physics.PhysicsProfile`.
-        playing_contacts_only: Collide only with the other hand, and with the keyboard by the links
-            listed in ``fingers``.
-        capsule_forearm: Replace the forearm's mesh geoms by its capsule.
 
     Raises:
         ConfigError: If MuJoCo cannot read the hand's file, or it lacks parts named in ``hand.yml``.
     """
-    spec, reduced = _read(hand, side), hand.reduced_action_space
+    spec = _read(hand, side)
     _check(spec, hand, side)
-    _remove(spec, hand, set(hand.forearm.joints.values()) - set(forearm_dofs))
-    if reduced_action_space:
-        _remove(spec, hand, reduced.removed)
-        for element, name, limits in _joints_and_actuators(spec, hand):
-            if name in reduced.ranges:
-                setattr(element, limits, reduced.ranges[name])
+    reduced = hand.reduced_action_space if reduced_action_space else ReducedActions()
+    removed = {*hand.forearm.joints.values()} - {*forearm_dofs} | {*reduced.removed}
+    for element in [*spec.actuators, *spec.joints]:
+        is_joint = isinstance(element, mujoco.MjsJoint)
+        name = hand.short(element.name if is_joint else element.target)
+        if name in removed:
+            spec.delete(element)
+        elif name in reduced.ranges:
+            setattr(element, "range" if is_joint else "ctrlrange", reduced.ranges[name])
     for body in spec.bodies[1:]:
         body.gravcomp = float(gravity_compensation)
-    for joint in spec.joints if coupled_friction_only else ():
+    for joint in spec.joints if profile.coupled_friction_only else ():
         if hand.short(joint.name) not in hand.coupled:
             joint.frictionloss = 0.0
     playing = {link for links in hand.fingers.values() for link in links}
+    # Two geoms collide if the contype of one shares a bit with the conaffinity of the other, so one
+    # bit of the left hand's contype and the right hand's conaffinity is enough for the two hands.
+    other = _OTHER_HAND if side == "left" else 0
+    capsule = hand.forearm.capsule if profile.capsule_forearms else None
     for geom in spec.geoms:
         link = hand.short(geom.parent.name)
-        if playing_contacts_only:
-            # Two geoms collide if the contype of one shares a bit with the conaffinity of the
-            # other, so one bit of the left hand's contype and the right hand's conaffinity is
-            # enough for the two hands.
-            other = _OTHER_HAND if side == "left" else 0
-            geom.contype, geom.conaffinity = (
-                (link in playing) * _KEYBOARD | other,
-                _OTHER_HAND - other,
-            )
-        capsule = hand.forearm.capsule if capsule_forearm and link == hand.forearm.body else None
-        if capsule is not None and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+        if profile.playing_contacts_only:
+            geom.contype = (link in playing) * _KEYBOARD | other
+            geom.conaffinity = _OTHER_HAND - other
+        is_mesh = geom.type == mujoco.mjtGeom.mjGEOM_MESH
+        if capsule is not None and link == hand.forearm.body and is_mesh:
             geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_CAPSULE, ""
             geom.size, geom.pos = [*capsule.size, 0], capsule.pos
     return spec
@@ -80,10 +80,67 @@ def _read(hand: HandSpec, side: Side) -> mujoco.MjSpec:
     file = hand.folder / f"{side}.xml"
     try:
         if side == "left" and not file.is_file():
-            return read_mirrored(hand)
+            return _read_mirrored(hand)
         return mujoco.MjSpec.from_file(str(file))
     except (OSError, ValueError) as error:
         raise ConfigError(f"'{file}' is no hand: {one_line(error)}.") from error
+
+
+def _read_mirrored(hand: HandSpec) -> mujoco.MjSpec:
+    """Mirror the right hand's specification to a left hand, for hands without ``left.xml``.
+
+    The links' frames are mirrored along :attr:`HandSpec.mirror`. Positive angles bend the same
+    parts as on the right. As with RoboPianist's hands, the slider along the keyboard still moves to
+    the right, and the forearm still rolls like the right one.
+
+    Raises:
+        ValueError: If MuJoCo cannot read the file, or it has elements that cannot be mirrored.
+    """
+    text = (hand.folder / "right.xml").read_text(encoding="utf-8")
+    text = text.replace(f'"{hand.prefix["right"]}', f'"{hand.prefix["left"]}')
+    spec = mujoco.MjSpec.from_string(text)
+    spec.modelfiledir = str(hand.folder)  # folder of the mesh files
+    _check_orientations(spec)
+    flip = np.where(np.array(["x", "y", "z"]) == hand.mirror, -1.0, 1.0)
+    for body in spec.bodies[1:]:
+        outer = _MIRROR if body.parent.name == "world" else flip
+        body.pos, body.quat = outer * body.pos, _turned(body.quat, outer, flip)
+        body.ipos, body.iquat = flip * body.ipos, _turned(body.iquat, flip, flip)
+    for element in (*spec.geoms, *spec.sites):
+        element.pos, element.quat = flip * element.pos, _turned(element.quat, flip, flip)
+        element.fromto *= np.tile(flip, 2)
+    for mesh in spec.meshes:
+        mesh.scale = flip * mesh.scale
+    along, roll = hand.forearm.joints["along"], hand.forearm.joints.get("roll")
+    for joint in spec.joints:
+        slides = joint.type == mujoco.mjtJoint.mjJNT_SLIDE
+        # A mirror reverses the sense of a rotation.
+        joint.axis, joint.pos = flip * joint.axis * (1 if slides else -1), flip * joint.pos
+        if hand.short(joint.name) in (along, roll):
+            joint.axis, joint.range = -joint.axis, -joint.range[::-1]
+    for actuator in spec.actuators:
+        if hand.short(actuator.target) in (along, roll):
+            actuator.ctrlrange = -actuator.ctrlrange[::-1]
+    return spec
+
+
+def _check_orientations(spec: mujoco.MjSpec) -> None:
+    """Raise a ValueError if orientations have a notation that is not supported here."""
+    turned = [each.alt for each in (*spec.bodies, *spec.geoms, *spec.sites)]
+    turned += [body.ialt for body in spec.bodies]
+    is_quat = all(each.type == mujoco.mjtOrientation.mjORIENTATION_QUAT for each in turned)
+    if spec.frames or not is_quat or not np.isnan([b.fullinertia[0] for b in spec.bodies]).all():
+        raise ValueError(
+            "it has no left.xml, and to be mirrored it has to be written with quat or fromto, "
+            "without frames, fullinertia and other orientations"
+        )
+
+
+def _turned(quaternion: Any, outer: FloatArray, inner: FloatArray) -> FloatArray:
+    """Mirror a rotation between two frames, each along its own axis."""
+    matrix, turned = outer[:, None] * rotation_matrix(quaternion) * inner, np.empty(4)
+    mujoco.mju_mat2Quat(turned, matrix.ravel())
+    return turned
 
 
 def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
@@ -119,18 +176,3 @@ def _check(spec: mujoco.MjSpec, hand: HandSpec, side: Side) -> None:
                 f"The fingertip {body.name!r} of '{spec.modelname}' is none: expected a link whose "
                 "first geom is a capsule, with one site."
             )
-
-
-def _joints_and_actuators(spec: mujoco.MjSpec, hand: HandSpec) -> Iterator[tuple[Any, str, str]]:
-    """Yield each actuator and joint, the short name of its joint, and its attribute for limits."""
-    for actuator in list(spec.actuators):
-        yield actuator, hand.short(actuator.target), "ctrlrange"
-    for joint in list(spec.joints):
-        yield joint, hand.short(joint.name), "range"
-
-
-def _remove(spec: mujoco.MjSpec, hand: HandSpec, joints: Container[str]) -> None:
-    """Remove joints and their actuators."""
-    for element, name, _ in _joints_and_actuators(spec, hand):
-        if name in joints:
-            spec.delete(element)

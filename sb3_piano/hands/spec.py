@@ -44,9 +44,6 @@ Role = ForearmRole | Literal["wrist", "abduction", "finger"]
 """Role of a joint: slide along the keyboard, across it (towards the keys' hinges) or up; turn the
 forearm about its own axis, up or to the side; bend the wrist; spread fingers; or bend fingers."""
 
-DEFAULT_FOREARM: tuple[ForearmRole, ...] = ("along", "across")
-"""Default joints of a forearm."""
-
 Names = Annotated[tuple[str, ...], Listed]
 _Three = Annotated[tuple[Number, Number, Number], Listed]
 _Range = Annotated[tuple[Number, Number], Listed]
@@ -137,9 +134,6 @@ class HandSpec:
     """Roles of a hand's parts, and its constants for planning, reading and fingering.
 
     Names are those of the model without the side's prefix, actuators' also without ``A_``.
-
-    Raises:
-        ConfigError: If a value does not fit.
     """
 
     source: str
@@ -208,17 +202,12 @@ class HandSpec:
         return tuple(links[-1] for links in self.fingers.values())
 
     @functools.cached_property
-    def nearest(self) -> FloatArray:
-        """(f, f) :attr:`Reach.nearest`, m."""
-        return np.array(self.reach.nearest)
-
-    @functools.cached_property
-    def farthest(self) -> FloatArray:
-        """(f, f) :attr:`Reach.farthest`, m."""
-        return np.array(self.reach.farthest)
+    def spans(self) -> FloatArray:
+        """(2, f, f) :attr:`Reach.nearest` and :attr:`Reach.farthest`, m."""
+        return np.array([self.reach.nearest, self.reach.farthest])
 
     def forearm_dofs(self, names: Sequence[str] | None = None) -> tuple[str, ...]:
-        """Check names of the forearm's joints and return them, by default ``DEFAULT_FOREARM``'s.
+        """Check names of the forearm's joints; return them, by default the sliders on the keyboard.
 
         Raises:
             ConfigError: If one is unknown, repeated or not in order, or the slider along the
@@ -226,7 +215,7 @@ class HandSpec:
         """
         joints = self.forearm.joints
         if names is None:
-            return tuple(name for role, name in joints.items() if role in DEFAULT_FOREARM)
+            return tuple(name for role, name in joints.items() if role in ("along", "across"))
         refuse_unknown(names, joints.values(), "joint", "forearm_dofs")
         expected = [name for name in joints.values() if name in {*names, joints["along"]}]
         if list(names) != expected:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.planning.bends import EvenBends
 from sb3_piano.planning.hand_plan import HandPlan
 
 _ASIDE, _UP = 1, 2
@@ -33,7 +34,7 @@ class Correction:
     def positions(self, joints: FloatArray) -> FloatArray:
         """Compute actuator positions in the sense of a plan from the joints of all hands.
 
-        Plans assume evenly bent fingers: see :meth:`HandKinematics.even_positions`.
+        Plans assume evenly bent fingers: see :class:`EvenBends`.
 
         Args:
             joints: (m,) or (N, m) in the order of :attr:`PianoScene.hand_qpos`, rad or m.
@@ -63,7 +64,7 @@ class _OfHand:
     def __init__(self, plan: HandPlan, feedback: float, lift: float):
         self._gains: Float32Array = (feedback * plan.gains).astype(np.float32)
         kinematics = plan.task.hand.kinematics
-        self.positions = kinematics.even_positions
+        self.positions = EvenBends(kinematics)
         _, slopes = kinematics.fingertips_and_jacobian(plan.positions[:-1])  # (T, 5, 3, n)
         moves = (slopes != 0).any(axis=(0, 2))
         own = moves & (moves.sum(axis=0) == 1)

@@ -13,6 +13,7 @@ from sb3_piano.arrays import FloatArray
 from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.music.constants import MIDDLE, THUMB
 from sb3_piano.music.fingering.robot import KEY_SPACING
+from sb3_piano.planning.arm import Arm
 from sb3_piano.planning.tracking_control import HandDynamics
 from sb3_piano.reading.key_frames import WHITE_X, KeyPlaces
 from sb3_piano.simulation import PianoScene
@@ -34,6 +35,8 @@ class Hand:
 
     kinematics: HandKinematics
     """Its kinematics."""
+    arm: Arm
+    """Its forearm."""
     keys: KeyPlaces
     """The keyboard under it."""
     rest: FloatArray
@@ -50,7 +53,7 @@ class Hand:
         rest = resting_posture(kinematics, keys)
         pull = _PULL * np.array([_FIRMNESS[role] for role in kinematics.roles])
         dynamics = HandDynamics.of(scene, kinematics, rest, n_substeps)
-        return cls(kinematics, keys, rest, pull, dynamics)
+        return cls(kinematics, Arm(scene, kinematics), keys, rest, pull, dynamics)
 
 
 def resting_posture(kinematics: HandKinematics, keys: KeyPlaces) -> FloatArray:

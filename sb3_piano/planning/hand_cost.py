@@ -8,6 +8,7 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.hands.kinematics import HandKinematics
+from sb3_piano.planning.arm import Arm
 from sb3_piano.reading.key_frames import KeyFrames
 
 _X, _Y, _Z = range(3)
@@ -31,6 +32,7 @@ class HandCost:
     """
 
     kinematics: HandKinematics
+    arm: Arm
     frames: KeyFrames
     """Targets of the s states."""
     bound: FloatArray
@@ -51,7 +53,7 @@ class HandCost:
 
     def bound_violation(self, positions: FloatArray) -> FloatArray:
         """Compute the distance of the arm beyond its bound, (s,) m, 0 or more."""
-        too_far_in = self.sign * (self.bound - self.kinematics.arm(positions))
+        too_far_in = self.sign * (self.bound - self.arm.place(positions))
         return np.asarray(np.maximum(too_far_in, 0))
 
     def quadratic(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -92,7 +94,7 @@ class HandCost:
         apart = self.sign * np.diff(jacobian[:, :, _Y], axis=1)
         slopes[:, self._spacing] = -_SPACING_WEIGHT * active * apart
         active = (values[:, -1] > 0)[:, None]
-        slopes[:, -1] = -_ARMS_WEIGHT * self.sign * active * self.kinematics.arm_slopes(positions)
+        slopes[:, -1] = -_ARMS_WEIGHT * self.sign * active * self.arm.slopes(positions)
         return slopes
 
     def _too_close(self, tips: FloatArray) -> FloatArray:

@@ -141,11 +141,11 @@ class _Motion:
 
         The arm must stay beyond ``bound``, (s,) m; ``guess``, (s, n), are the initial positions.
         """
-        task, kinematics = self.task, self.task.hand.kinematics
-        cost = HandCost(kinematics, task.frames.between(start, stop), bound)
+        hand, frames = self.task.hand, self.task.frames.between(start, stop)
+        cost = HandCost(hand.kinematics, hand.arm, frames, bound)
         # Before the first state the hand has the same positions.
         before = np.concatenate([self._weightless[0], *self._weightless[-2:]])[-2:]
-        return HandProblem(cost, Smoothness(kinematics, before, stop - start), task.hand, guess)
+        return HandProblem(cost, Smoothness(hand.kinematics, before, stop - start), hand, guess)
 
     def extend(self, problem: HandProblem, keep: int) -> None:
         """Append the states of a solved stretch up to ``keep``, with the hand's inertia."""
@@ -182,7 +182,8 @@ def _guess(hand: Hand, wanted: FloatArray, bound: FloatArray) -> FloatArray:
     kinematics = hand.kinematics
     guess = np.tile(hand.rest, (len(wanted), 1))
     place = kinematics.sign * np.maximum(kinematics.sign * wanted, kinematics.sign * bound)
-    guess[:, kinematics.along] = kinematics.slider_for_arm(place)
+    slider, along = (place - kinematics.middle) / kinematics.slope, kinematics.along
+    guess[:, along] = np.clip(slider, kinematics.low[along], kinematics.high[along])
     return guess
 
 

@@ -121,12 +121,10 @@ def scene_parts(
         build_hand(
             robot,
             side,
+            profile,
             reduced_action_space=reduced_action_space,
             gravity_compensation=gravity_compensation and not weightless,
             forearm_dofs=robot.forearm_dofs(forearm_dofs),
-            coupled_friction_only=profile.coupled_friction_only,
-            playing_contacts_only=profile.playing_contacts_only,
-            capsule_forearm=profile.capsule_forearms,
         )
         for side in sides
     ]

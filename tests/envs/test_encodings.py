@@ -14,7 +14,7 @@ from short_scores import score_of
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import ObservationSpace, PianoEnv
-from sb3_piano.envs.encodings import FingerGoals
+from sb3_piano.envs.encodings import finger_goals
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, PianoRoll, Score
@@ -128,11 +128,10 @@ def test_finger_goals_are_what_can_be_read_off_the_roll(notes, horizon):
         *((0.05 * at, 0.05 * (at + n), pitch, finger) for at, n, pitch, finger in notes)
     )
     roll = PianoRoll.from_score(score, 0.05)
-    goals = FingerGoals.of(roll, horizon)
+    ours = finger_goals(roll, horizon)
     for step in range(len(roll)):
         for finger in range(10):
             expected = brute_force_goal(roll, finger, step, horizon)
-            ours = (goals.key, goals.onset, goals.release)
             assert tuple(int(array[step, finger]) for array in ours) == expected, (step, finger)
 
 

@@ -13,6 +13,7 @@ from sb3_piano.exceptions import PlanWarning
 from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.music import Note, Score
 from sb3_piano.music.fingering import apply_fingering
+from sb3_piano.planning.arm import Arm
 from sb3_piano.players.planned import PlannedPianist
 from sb3_piano.reading import KeyPlaces, read_piece
 
@@ -79,7 +80,7 @@ def test_ways_lead_from_the_fingertips_to_what_was_read():
         name = SIDES[side]
         kinematics = HandKinematics(env.scene, side)
         actuators = env.scene.actuator_positions(env.data.qpos[env.scene.hand_qpos])
-        arm = sign * kinematics.arm(actuators[None, kinematics.actuators])[0]
+        arm = sign * Arm(env.scene, kinematics).place(actuators[None, kinematics.actuators])[0]
         tips = blocks[f"{name}_fingertips"] / 10 + [0, arm, 0]
         # The planner's fingertips, whose coupled joints bend alike, are near those of the scene.
         planned = kinematics.fingertips(actuators[None, kinematics.actuators])[0]

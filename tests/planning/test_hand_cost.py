@@ -2,7 +2,16 @@
 
 import numpy as np
 import pytest
-from hand_parts import SETTINGS, data_at, hand_of, keys_of, random_positions, rest_of, scene_of
+from hand_parts import (
+    SETTINGS,
+    arm_of,
+    data_at,
+    hand_of,
+    keys_of,
+    random_positions,
+    rest_of,
+    scene_of,
+)
 
 from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering.robot import KEY_SPACING
@@ -31,7 +40,7 @@ def cost_of(hand, frames, bound=None, full=True):
     kinematics = hand_of(scene_of(full=full), hand)
     if bound is None:
         bound = np.full(len(frames.weight), -kinematics.sign * FAR)
-    return HandCost(kinematics, frames, bound)
+    return HandCost(kinematics, arm_of(scene_of(full=full), hand), frames, bound)
 
 
 def total(cost, positions, kind=None):
@@ -55,7 +64,7 @@ def busy_cost(hand, full=True, n_states=24):
     share = random.uniform(0, 0.5, (n_states, 1))
     positions = (1 - share) * rest_of(scene, hand) + share * random_positions(kinematics, n_states)
     positions[:, kinematics.names.index("forearm_tx")] *= 0.2  # near the keys of the presses
-    bound = kinematics.arm(positions) + random.uniform(-0.02, 0.02, n_states)
+    bound = arm_of(scene, hand).place(positions) + random.uniform(-0.02, 0.02, n_states)
     return cost_of(hand, frames, bound, full), positions
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_parts import hand_of, keys_of, scene_of, whole_hand
+from hand_parts import arm_of, hand_of, keys_of, scene_of, whole_hand
 from scipy.optimize import Bounds, minimize
 
 from sb3_piano.music.presses import Press
@@ -24,7 +24,8 @@ class Parts:
         timed = [TimedPress(press, press.first, press.last) for press in presses]
         frames = key_frames(timed, kinematics.sign, N_STATES, kinematics.radius, keys)
         self.kinematics = kinematics
-        self.cost = HandCost(kinematics, frames, np.full(N_STATES, -10.0 * kinematics.sign))
+        far = np.full(N_STATES, -10.0 * kinematics.sign)
+        self.cost = HandCost(kinematics, arm_of(scene, hand), frames, far)
         self.smoothness = Smoothness(kinematics, np.zeros((2, kinematics.size)), N_STATES)
         self.hand = whole_hand(scene, hand)
         start = np.tile(self.hand.rest, (N_STATES, 1))

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hand_parts import data_at, hand_of, keys_of, scene_of
+from hand_parts import arm_of, data_at, hand_of, keys_of, scene_of
 from short_pieces import (
     BUFFER,
     QUICK,
@@ -74,7 +74,7 @@ def test_a_hand_without_notes_stays_put_above_the_keys(options):
     assert np.abs(left[settled:] - left[-1]).max() < 0.008
     assert np.abs(left[2 * settled :] - left[-1]).max() < 0.001
     scene = scene_of(**options)
-    arm = hand_of(scene, 1).arm(made.positions[:, scene.model.nu // 2 :])
+    arm = arm_of(scene, 1).place(made.positions[:, scene.model.nu // 2 :])
     assert np.abs(arm - arm[0]).max() < 0.02
     assert left[..., 2].min() > keys_of(scene).top[0]
 
@@ -159,7 +159,7 @@ def test_an_arm_without_notes_makes_room_for_one_that_plays_on_its_side():
         data = data_at(scene, positions[:half], positions[half:])
         assert not scene.forearms_touch(data)
     right, left = (
-        hand_of(scene, hand).arm(made.positions[:, hand * half :][:, :half]) for hand in (0, 1)
+        arm_of(scene, hand).place(made.positions[:, hand * half :][:, :half]) for hand in (0, 1)
     )
     assert left[-1] < left[0] - 0.05
     assert (right - left).min() > 0.9 * find_hand().forearm.apart

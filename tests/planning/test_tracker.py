@@ -6,6 +6,7 @@ from hand_parts import hand_of, scene_of
 from short_pieces import five_fingers, planned
 
 from sb3_piano.planning import Tracker
+from sb3_piano.planning.bends import EvenBends
 from sb3_piano.planning.correction import Correction
 
 SCENE = scene_of()
@@ -103,5 +104,5 @@ def test_positions_are_those_of_fingers_that_bend_evenly(made):
     for hand, (found, part) in enumerate(
         zip(np.split(positions, 2), np.split(joints, 2), strict=True)
     ):
-        np.testing.assert_array_equal(found, hand_of(SCENE, hand).even_positions(part))
+        np.testing.assert_array_equal(found, EvenBends(hand_of(SCENE, hand))(part))
     assert np.abs(positions - SCENE.actuator_positions(joints)).max() > 0.01

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_parts import hand_of, keys_of, rest_of, scene_of, whole_hand
+from hand_parts import arm_of, hand_of, keys_of, rest_of, scene_of, whole_hand
 
 from sb3_piano.music.presses import Press
 from sb3_piano.planning import tracking_control
@@ -137,7 +137,7 @@ def real_problem():
     keys = keys_of(SCENE)
     timed = [TimedPress(press, press.first, press.last) for press in PRESSES]
     frames = key_frames(timed, 1, N_STATES + 1, KINEMATICS.radius, keys)
-    cost = HandCost(KINEMATICS, frames.between(1, None), np.full(N_STATES, -10.0))
+    cost = HandCost(KINEMATICS, arm_of(SCENE, 0), frames.between(1, None), np.full(N_STATES, -10.0))
     smoothness = Smoothness(KINEMATICS, np.tile(REST, (2, 1)), N_STATES)
     start = np.tile(REST, (N_STATES, 1))
     problem = HandProblem(cost, smoothness, whole_hand(SCENE, 0), start)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_parts import data_at, hand_of, random_positions, scene_of
+from hand_parts import arm_of, data_at, hand_of, random_positions, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -32,7 +32,7 @@ def test_a_turned_arm_is_where_a_straight_one_would_reach_as_far_inwards(hand, d
     kinematics = hand_of(scene, hand)
     thickness = abs(inner_side(scene, data_at(scene), hand) - kinematics.middle)
     positions = random_positions(kinematics, 20)
-    for place, one in zip(kinematics.arm(positions), positions, strict=True):
+    for place, one in zip(arm_of(scene, hand).place(positions), positions, strict=True):
         both = (one,) if hand == 0 else (np.zeros_like(one), one)
         inner = inner_side(scene, data_at(scene, *both), hand)
         # One that is pitched up and rolled leans to the side by up to 7 mm.
@@ -42,13 +42,14 @@ def test_a_turned_arm_is_where_a_straight_one_would_reach_as_far_inwards(hand, d
 
 @BOTH_HANDS
 def test_the_slopes_of_a_turned_arm_are_those_of_its_place(hand):
-    kinematics = hand_of(scene_of(full=False, forearm_dofs=TURNING), hand)
+    scene = scene_of(full=False, forearm_dofs=TURNING)
+    kinematics, arm = hand_of(scene, hand), arm_of(scene, hand)
     positions = random_positions(kinematics, 10)
-    slopes = kinematics.arm_slopes(positions)
+    slopes = arm.slopes(positions)
     for actuator in range(kinematics.size):
         step = np.zeros(kinematics.size)
         step[actuator] = 1e-6
-        ahead, behind = kinematics.arm(positions + step), kinematics.arm(positions - step)
+        ahead, behind = arm.place(positions + step), arm.place(positions - step)
         np.testing.assert_allclose(slopes[:, actuator], (ahead - behind) / 2e-6, atol=1e-6)
 
 
@@ -60,8 +61,9 @@ def test_arms_on_their_sides_of_a_line_do_not_touch_and_hands_come_nearer_than_a
     for _ in range(200):
         here, there = np.zeros((1, right.size)), np.zeros((1, left.size))
         here[0, yaw], there[0, yaw] = random.uniform(right.low[yaw], right.high[yaw], 2)
-        for hand, one, place in ((right, here, 0.076), (left, there, -0.076)):
-            one[0, along] += (place - hand.arm(one)[0]) / hand.arm_slope[along]
+        for hand, one, place in ((0, here, 0.076), (1, there, -0.076)):
+            away = place - arm_of(scene, hand).place(one)[0]
+            one[0, along] += away / hand_of(scene, hand).slope
         data = data_at(scene, here[0], there[0])
         assert not scene.forearms_touch(data)
         tips = data.site_xpos[scene.fingertip_site, 1]

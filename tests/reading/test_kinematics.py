@@ -3,9 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
-from hand_parts import data_at, hand_of, joints_by_name, random_positions, scene_of
+from hand_parts import arm_of, data_at, hand_of, joints_by_name, random_positions, scene_of
 
 from sb3_piano.hands import find_hand
+from sb3_piano.planning.bends import EvenBends
 
 FOREARM_DOFS = tuple(find_hand().forearm.joints.values())
 
@@ -55,7 +56,7 @@ def test_fingertips_and_forearm_are_where_mujoco_has_them_and_move_as_its_jacobi
     by_actuator = joints_by_name(scene, hand)
     bodies = scene.model.geom_bodyid[scene.fingertip_geom[5 * hand : 5 * hand + 5]]
     forearm = scene.model.geom_bodyid[scene.forearm_geoms[hand][0]]
-    for s, place in enumerate(kinematics.arm(positions)):
+    for s, place in enumerate(arm_of(scene, hand).place(positions)):
         data = data_of(scene, hand, positions[s])
         if "forearm_yaw" not in scene.options["forearm_dofs"]:
             assert place == pytest.approx(data.xpos[forearm, 1], abs=1e-12)
@@ -88,7 +89,8 @@ def test_evenly_bent_fingers_reach_where_uneven_ones_are(options, hand):
     low, high = scene.joint_range[hand].T
     # Fingers that are bent by more than a little: straight ones cannot reach farther.
     joints = low + (high - low) * rng.uniform(0.2, 0.9, (6, len(low)))
-    even = kinematics.even_positions(joints)
+    evenly = EvenBends(kinematics)
+    even = evenly(joints)
     tips = kinematics.fingertips(even)
     addresses = scene.model.jnt_qposadr[kinematics.joint_ids]
     far_off = 0
@@ -100,5 +102,5 @@ def test_evenly_bent_fingers_reach_where_uneven_ones_are(options, hand):
         np.testing.assert_allclose(tips[s], expected, atol=2e-4)
         plain = scene.actuator_positions(data.qpos[scene.hand_qpos])[kinematics.actuators]
         far_off += int((np.abs(kinematics.fingertips(plain[None])[0] - expected) > 2e-3).sum())
-        np.testing.assert_array_equal(even[s], kinematics.even_positions(joints[s]))
+        np.testing.assert_array_equal(even[s], evenly(joints[s]))
     assert far_off > 10

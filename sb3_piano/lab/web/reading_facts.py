@@ -45,5 +45,5 @@ def reading_facts(scene: PianoScene) -> dict[str, Any]:
             for hand in hands
         ],
         "slider": int(np.argmax(right.joint_of_actuator[:, along])),
-        "slope": float(right.arm_slope[along]),
+        "slope": right.slope,
     }

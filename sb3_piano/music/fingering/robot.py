@@ -129,8 +129,8 @@ def within_stretch(one: Press, other: Press, sign: int, stretch: float, robot: H
     low, high = sorted((one, other), key=lambda press: _across(press, sign))
     if low.finger >= high.finger:
         return False
-    apart, fingers = _across(high, sign) - _across(low, sign), (low.finger, high.finger)
-    return bool(robot.nearest[fingers] <= apart <= stretch * robot.farthest[fingers])
+    nearest, farthest = robot.spans[:, low.finger, high.finger]
+    return bool(nearest <= _across(high, sign) - _across(low, sign) <= stretch * farthest)
 
 
 def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
@@ -345,11 +345,9 @@ def _holds(one: Press, other: Press, sign: int, robot: HandSpec) -> bool:
 
 
 def _out_of_reach(apart: float, robot: HandSpec) -> Table:
-    """Return how far two keys are out of reach, m, by their fingers, of which the second is higher.
-
-    `apart` is how much nearer to the little finger's side the second key is, m.
-    """
-    return np.maximum(np.maximum(apart - robot.farthest, robot.nearest - apart), 0.0)
+    """Return how far keys ``apart`` m are out of reach, m, by lower and higher finger, (f, f)."""
+    nearest, farthest = robot.spans
+    return np.maximum(np.maximum(apart - farthest, nearest - apart), 0.0)
 
 
 @functools.cache

@@ -107,7 +107,7 @@ def _written(struck: Sequence[Note]) -> BoolArray:
 
 def _grip(part: Part, robot: HandSpec) -> FloatArray:
     """Cost of striking and holding keys together: (ways, options)."""
-    span, count = robot.farthest[0, -1], len(robot.fingers)
+    span, count = robot.spans[1, 0, -1], len(robot.fingers)
     width = np.maximum(part.high - part.low, 0)
     strikes = _STRETCH * np.maximum(width / KEY_SPACING - (count - 1), 0)
     strikes += _LOST * np.clip((width - span) / _OVERREACH, 0, 2)

@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_000
 TOTALS = {
     "core": {"lines": 50_767, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 41_147},
+    "tests": {"lines": 41_148},
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import shutil
@@ -92,8 +93,9 @@ def ray_cluster(monkeypatch):
         # By default its programs have the lowest priority, and wait while other tests run.
         monkeypatch.setenv("RAY_worker_niceness", "0")
         node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 2**27}
-        _clusters.append(Cluster(initialize_head=True, head_node_args=node))
-        _clusters[0].add_node(**node)
+        with contextlib.chdir(REFERENCE):  # the folder of a test goes while the cluster stays
+            _clusters.append(Cluster(initialize_head=True, head_node_args=node))
+            _clusters[0].add_node(**node)
     return _clusters[0]
 
 

@@ -246,6 +246,7 @@ def concert(files, tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_command_writes_labels_and_a_page(concert, tune, capsys):
     command = "fingering-from-video film.mp4 tune.mid --landmarks hands.npz --truth truth.csv"
     assert main(command.split()) == 0

@@ -34,10 +34,10 @@ LINES = {
     "metrics": 1_416,
     "music": 8_845,
     "pipelines": 1_009,
-    "planning": 2_989,
+    "planning": 2_997,
     "players": 2_290,
     "policies": 1_682,
-    "reading": 449,
+    "reading": 468,
     "simulation": 900,
     "training": 6_328,
     "tuning": 1_260,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_767, "modules": 336, "names": 226},
+    "core": {"lines": 50_794, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 42_103},
+    "tests": {"lines": 42_107},
 }
 
 

@@ -143,7 +143,7 @@ class Refinement:
 
         dynamics = self._settings.dynamics
         while not over() and self.plan.passes != last and (self.f1 < 1 or dynamics):
-            search = self._search
+            search: _Search = self._search
             if self.plan.passes < dynamics:
                 search = self._touched
             elif self.plan.passes == 0:

@@ -34,10 +34,10 @@ LINES = {
     "metrics": 1_416,
     "music": 8_843,
     "pipelines": 1_009,
-    "planning": 3_131,
+    "planning": 3_139,
     "players": 2_289,
     "policies": 1_682,
-    "reading": 449,
+    "reading": 468,
     "simulation": 898,
     "training": 6_328,
     "tuning": 1_260,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_623, "modules": 336, "names": 226},
+    "core": {"lines": 50_650, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 40_379},
+    "tests": {"lines": 40_383},
 }
 
 

@@ -28,8 +28,6 @@ from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
 
 _DEFAULT_TIMESTEP = 0.05
-_SOFT = 65
-"""MIDI velocity below which, with dynamics, fingers are in their keys early."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -145,7 +143,7 @@ class HandTasks(NamedTuple):
             hold_depth=settings.hold_depth,
             stretch=settings.stretch,
             hurry=settings.hurry,
-            soft=_SOFT if settings.dynamics else 0,
+            dynamics=settings.dynamics > 0,
         )
         readings = [read.hands[side] for side in sides]
         hands = [Hand.of(scene, side, keys, n_substeps) for side in sides]

@@ -51,8 +51,10 @@ _TOUCH_STEPS, _TOUCH_TAKEN, _TOUCH_ROUNDS = 5, 2, 4
 """In the pass for dynamics: simulated control steps, those of them that are played, most rounds."""
 _SILENT = 99.0
 """Difference from a note's velocity that a silent key stands for."""
-_TOLERANCE = 3.0
+_TOLERANCE = 2.0
 """Difference from a note's velocity from which on that pass searches."""
+_FAR = 6.0
+"""Difference from which on it also searches other motions of the whole hands."""
 
 OnStep = Callable[[int, int, float], object]
 """Callback with the finished control steps of a pass, their total, and the best F1 so far."""
@@ -141,7 +143,7 @@ class Refinement:
 
         dynamics = self._settings.dynamics
         while not over() and self.plan.passes != last and (self.f1 < 1 or dynamics):
-            search = self._search
+            search: _Search = self._search
             if self.plan.passes < dynamics:
                 search = self._touched
             elif self.plan.passes == 0:
@@ -223,7 +225,7 @@ class Refinement:
         def tried(options: list[FloatArray]) -> list[_Touched]:
             ways = [touches.way(place.followed, place.step, steps, which, one) for one in options]
             found = self._tried(place, ways)
-            wrong = (found.mistakes > 0) | (np.abs(found.missing) > _TOLERANCE).any(axis=(1, 2))
+            wrong = (found.mistakes > 0) | found.far_from_loud(_TOLERANCE)
             short = [touches.short(which, place.step, one) for one in found.missing]
             columns = (options, found.cost, short, found.ways, wrong.tolist())
             return [_Touched(*row) for row in zip(*columns, strict=True)]
@@ -247,10 +249,14 @@ class Refinement:
             best = min(found, key=lambda one: float(one.cost.sum()))
             every += [*found, best]
             finalists.append((float(best.cost.sum()), best.way))
-        return self._final(place, finalists)
+        ahead = slice(place.step, place.step + steps)
+        place.followed.commands[ahead], place.followed.positions[ahead] = self._final(
+            place, finalists
+        )
+        return self._search(place, random, _FAR)
 
-    def _search(self, place: _Place, random: np.random.Generator) -> Way:
-        """Search the best continuation from a place.
+    def _search(self, place: _Place, random: np.random.Generator, tolerance: float = np.inf) -> Way:
+        """Search the best continuation from a place with wrong keys, or a strike too far from loud.
 
         Each round varies the best one so far. As the hands hardly touch, the best variation of one
         hand is joined with the best of the other, and tried in the next round.
@@ -258,7 +264,7 @@ class Refinement:
         centre = self._variations.none()
         steps = min(_HORIZON, len(self.plan) - place.step)
         first = self._varied(place, [centre], steps)
-        if first.mistakes[0] == 0:
+        if first.mistakes[0] == 0 and not first.far_from_loud(tolerance)[0]:
             return first.ways[0]
         of_hand = first.cost[0]
         finalists = [(float(first.cost[0].sum()), first.ways[0])]
@@ -333,6 +339,10 @@ class _Tried(NamedTuple):
     """(m,) number of wrong keys, over all control steps."""
     missing: FloatArray
     """(m, s, 88) MIDI velocities by which strikes are too soft."""
+
+    def far_from_loud(self, tolerance: float) -> BoolArray:
+        """Check whether strikes differ by more than a tolerance from their notes, (m,)."""
+        return np.asarray((np.abs(self.missing) > tolerance).any(axis=(1, 2)))
 
 
 class _Touched(NamedTuple):

@@ -14,6 +14,7 @@ import numpy as np
 from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.engine import mujoco
 from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
+from sb3_piano.music.dynamics import TRAVEL, speed_of
 from sb3_piano.music.fingering.robot import hand_place
 from sb3_piano.reading.presses import TimedPress
 from sb3_piano.simulation import PianoScene
@@ -35,10 +36,12 @@ _HOVER_STATES = 8  # number of states in which a finger hovers over its next key
 _REACH = 0.06  # distance of a hand from a key within which a finger moves towards it, m
 
 # Depths of a key: two states before it is down; one state before, pressed but not yet sounding; one
-# state before after a leap, with less time, for a loud and a soft note; between two strikes by the
-# same finger without a state between; one state after it was down; the same before a leap.
-_LIFT_DEPTH, _READY_DEPTH, _LEAP_READY_DEPTH, _SOFT_LEAP_READY_DEPTH = -0.5, 0.6, -0.2, 0.3
+# state before after a leap, with less time; between two strikes by the same finger without a state
+# between; one state after it was down; the same before a leap.
+_LIFT_DEPTH, _READY_DEPTH, _LEAP_READY_DEPTH = -0.5, 0.6, -0.2
 _REPEAT_DEPTH, _RELEASE_DEPTH, _LEAP_RELEASE_DEPTH = 0.45, 0.2, -1.2
+# With dynamics: the least depth one state before, for loud notes, and the most after a leap.
+_LOUD_READY_DEPTH, _SOFT_LEAP_READY_DEPTH = -1.0, 0.3
 
 # Weights along x, y and z, per m, relative to about 0.01 per rad of posture. Black keys weigh more
 # along x, as fingers slip off. With less along z, thumbs are some 3 mm too high to press keys down.
@@ -121,7 +124,7 @@ def key_frames(
     keys: KeyPlaces,
     hover: float = HOVER,
     hold_depth: float = HOLD_DEPTH,
-    soft: int = 0,
+    loudness_step: float = 0.0,
 ) -> KeyFrames:
     """Compute the fingertips' targets from a hand's presses.
 
@@ -133,7 +136,8 @@ def key_frames(
         keys: The keyboard.
         hover: Value in place of :data:`HOVER`.
         hold_depth: Value in place of :data:`HOLD_DEPTH`.
-        soft: MIDI velocity below which a finger is in its key early, also after a leap.
+        loudness_step: Length of a state, s, for fingers that strike from as far as the notes'
+            velocities ask for; 0 if strikes are equal.
     """
     shape = (n_states, len(radius))
     vectors, flags = (np.zeros((2, *shape, 3)), np.zeros((2, *shape), dtype=bool))
@@ -157,7 +161,8 @@ def key_frames(
         along = _BLACK_X if KEY_IS_BLACK[key] else _MIXED_X if mixed else WHITE_X
         x = along[finger != THUMB]
         full = _WEIGHT_BLACK if KEY_IS_BLACK[key] else _WEIGHT
-        for state, level, depth, above, share in _targets(one, free, hover, hold_depth, soft):
+        ready = _ready_depth(one, hold_depth, loudness_step)
+        for state, level, depth, above, share in _targets(one, free, hover, hold_depth, ready):
             if 0 < state < n_states and level >= rank[state, finger]:
                 height = keys.height(key, x, depth) + float(radius[finger]) + above
                 frames.target[state, finger] = x, keys.y[key], height
@@ -170,7 +175,7 @@ def key_frames(
 
 
 def _targets(
-    one: TimedPress, free: Sequence[int], hover: float, hold_depth: float, soft: int
+    one: TimedPress, free: Sequence[int], hover: float, hold_depth: float, ready: float
 ) -> Iterator[tuple[int, int, float, float, FloatArray | float]]:
     """Yield the targets of a finger's approach to a key in ``free`` states, its hold and release.
 
@@ -184,13 +189,25 @@ def _targets(
             yield state, _HOVER, 0.0, hover, max(_LEAST_HOVER_SHARE, near**3)
         else:
             yield state, _LIFT, _LIFT_DEPTH, 0.0, _LIFT_SHARE
-    leap = _SOFT_LEAP_READY_DEPTH if one.press.velocity < soft else _LEAP_READY_DEPTH
-    yield strike, _READY, leap if one.leapt else _READY_DEPTH, 0.0, _READY_SHARE
+    yield strike, _READY, ready, 0.0, _READY_SHARE
     for state in range(one.first, one.last + 1):
         yield state, _HOLD, hold_depth, 0.0, 1.0
     depth = _LEAP_RELEASE_DEPTH if one.leaps else _RELEASE_DEPTH
     share = _LEAP_RELEASE_SHARE if one.leaps else _RELEASE_SHARE
     yield one.last + 1, _RELEASE, _REPEAT_DEPTH if one.repeated else depth, 0.0, share
+
+
+def _ready_depth(one: TimedPress, hold_depth: float, loudness_step: float) -> float:
+    """Return the depth one state before a key is down.
+
+    With dynamics the way from there to ``hold_depth`` is that of a key at the note's speed.
+    """
+    velocity, key = one.press.velocity, one.press.key
+    if not (loudness_step and velocity):
+        return _LEAP_READY_DEPTH if one.leapt else _READY_DEPTH
+    depth = hold_depth - speed_of(velocity, key) * loudness_step / float(TRAVEL[key])
+    most = _SOFT_LEAP_READY_DEPTH if one.leapt else _READY_DEPTH
+    return min(max(depth, _LOUD_READY_DEPTH), most)
 
 
 def _mixed(timed: Sequence[TimedPress]) -> list[bool]:

@@ -71,19 +71,21 @@ def read_piece(
     arms_apart: float | None = None,
     stretch: float = 0.0,
     hurry: int = 0,
-    soft: int = 0,
+    dynamics: bool = False,
 ) -> Reading:
     """Compute the presses and targets of both hands in a piece.
 
     It takes a few milliseconds for each second of music; nothing is optimised or simulated. Heights
     and distances are in m, a depth is a share of a key's travel, ``stretch`` and ``hurry`` are as
-    in :func:`time_presses`, ``soft`` as in :func:`key_frames`.
+    in :func:`time_presses`. With ``dynamics`` fingers strike from as far as velocities ask for.
     """
-    robot = hands[0].spec
+    robot, loudness_step = hands[0].spec, roll.control_timestep if dynamics else 0.0
     roll, states, read = release_early(roll, robot), len(roll) + 1, []
     for side, hand in enumerate(hands):
         presses = time_presses(presses_of_hand(roll, side), hand.sign, stretch, hurry, robot)
-        frames = key_frames(presses, hand.sign, states, hand.radius, keys, hover, hold_depth, soft)
+        frames = key_frames(
+            presses, hand.sign, states, hand.radius, keys, hover, hold_depth, loudness_step
+        )
         place, busy = wanted_places(frames, hand.sign, hand.middle)
         read.append(HandReading(presses=presses, frames=frames, place=place, busy=busy))
     right, left = read

@@ -61,19 +61,13 @@ class PianoEnv(gym.Env[Any, Any]):
 
     ## Observation space
 
-    A flat ``Box`` of float32 in RoboPianist's order. ``env.unwrapped.observation_layout`` has each
-    block's slice, shape, unit and meaning. With the default options:
-
-    | block | numbers | meaning |
-    |---|---|---|
-    | goal | 0-978 | 11 rows (this control step and the next 10) of 88 keys and the pedal |
-    | fingering | 979-988 | fingers labelled to press now, right thumb to little, then left |
-    | key_state | 989-1076 | key angles over their largest angle |
-    | sustain | 1077 | the pedal's command in [0, 1] |
-    | right_joints | 1078-1100 | right hand's joint positions, rad; its two sliders last, m |
-    | left_joints | 1101-1123 | left hand's |
-
-    A scene with one hand lacks the joints and fingers of the other: 1,096 numbers.
+    A flat ``Box`` of float32 in RoboPianist's order: 1,124 numbers with the default options. They
+    are ``goal``, 11 rows (this control step and the next 10) of 88 keys and the pedal;
+    ``fingering``, the fingers labelled to press now, right thumb to little, then left;
+    ``key_state``, key angles over their largest angle; ``sustain``, the pedal's command in [0, 1];
+    ``right_joints`` and ``left_joints``, joint positions, rad, with the two sliders last, m. A
+    scene with one hand lacks the joints and fingers of the other: 1,096 numbers.
+    ``env.unwrapped.observation_layout`` has each block's slice, shape, unit and meaning.
 
     The option ``observation`` chooses another one; ``observation_blocks`` adds your own blocks at
     the end, see :class:`~sb3_piano.envs.Block`.

@@ -1,12 +1,13 @@
 """Presses: which finger holds which key, from the first state to the last."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from short_scores import score_of
 
 from sb3_piano.music import MIN_PITCH, PianoRoll
-from sb3_piano.music.presses import Press, presses_of_hand
+from sb3_piano.music.presses import Press, finger_goals, presses_of_hand
 
 KEY = 39
 
@@ -72,3 +73,42 @@ def test_strikes_without_a_silent_step_between_are_told_apart_by_their_onsets():
         sustain=np.zeros(6, dtype=bool),
     )
     assert [(p.first, p.last) for p in presses_of_hand(roll, 0)] == [(2, 3), (4, 5)]
+
+
+def brute_force_goal(roll, finger, step, horizon):
+    """Return key, onset and release of a finger's present or next note, read off the roll."""
+
+    def key_at(t):
+        keys = np.flatnonzero(roll.active[t] & (roll.finger[t] == finger))
+        return int(keys[0]) if len(keys) else -1
+
+    for onset in range(step, min(step + horizon + 1, len(roll))):
+        if key_at(onset) >= 0:
+            end = onset + 1
+            while end < len(roll) and key_at(end) == key_at(onset):
+                if roll.onset[end, key_at(end)]:
+                    break
+                end += 1
+            return key_at(onset), onset - step, min(end - step, horizon)
+    return -1, horizon, horizon
+
+
+@pytest.mark.slow
+@given(
+    notes=st.lists(
+        st.tuples(st.integers(0, 25), st.integers(1, 8), st.integers(40, 48), st.integers(0, 9)),
+        min_size=1,
+        max_size=12,
+    ),
+    horizon=st.integers(1, 15),
+)
+def test_finger_goals_are_what_can_be_read_off_the_roll(notes, horizon):
+    score = score_of(
+        *((0.05 * at, 0.05 * (at + n), pitch, finger) for at, n, pitch, finger in notes)
+    )
+    roll = PianoRoll.from_score(score, 0.05)
+    ours = finger_goals(roll, horizon)
+    for step in range(len(roll)):
+        for finger in range(10):
+            expected = brute_force_goal(roll, finger, step, horizon)
+            assert tuple(int(array[step, finger]) for array in ours) == expected, (step, finger)

@@ -1,5 +1,7 @@
 """Scores of a few notes."""
 
+import numpy as np
+
 from sb3_piano.music import Note, Pedal, Score, write_midi
 
 
@@ -32,3 +34,21 @@ def save_tune(path, first=60, **fields):
     path.parent.mkdir(parents=True, exist_ok=True)
     write_midi(tune(first, **fields), path)
     return path
+
+
+def brute_force_goal(roll, finger, step, horizon):
+    """Return key, onset and release of a finger's present or next note, read off the roll."""
+
+    def key_at(t):
+        keys = np.flatnonzero(roll.active[t] & (roll.finger[t] == finger))
+        return int(keys[0]) if len(keys) else -1
+
+    for onset in range(step, min(step + horizon + 1, len(roll))):
+        if key_at(onset) >= 0:
+            end = onset + 1
+            while end < len(roll) and key_at(end) == key_at(onset):
+                if roll.onset[end, key_at(end)]:
+                    break
+                end += 1
+            return key_at(onset), onset - step, min(end - step, horizon)
+    return -1, horizon, horizon

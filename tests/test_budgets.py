@@ -25,24 +25,24 @@ LINES = {
     "callbacks": 2_891,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_811,
+    "envs": 2_699,
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
     "jobs": 729,
     "lab": 7_596,
     "metrics": 1_416,
-    "music": 8_843,
+    "music": 9_006,
     "pipelines": 1_009,
     "planning": 3_139,
     "players": 2_289,
     "policies": 1_682,
-    "reading": 468,
+    "reading": 392,
     "simulation": 898,
     "training": 6_328,
     "tuning": 1_260,
     "vec_env": 480,
-    "viewing": 2_575,
+    "viewing": 2_583,
     "wrappers": 2_317,
 }
 
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_650, "modules": 336, "names": 226},
+    "core": {"lines": 50_633, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 40_383},
+    "tests": {"lines": 40_382},
 }
 
 

@@ -152,13 +152,9 @@ class ObservationSpace(spaces.Box):
 
     def __init__(self, layout: ObservationLayout):
         """Take bounds and size from a layout."""
-        bounds = np.hstack(
-            [
-                [np.broadcast_to(bound, block.shape).ravel() for bound in (block.low, block.high)]
-                for block in layout.values()
-            ]
-        )
-        super().__init__(*bounds.astype(np.float32), dtype=np.float32)
+        low = np.hstack([np.broadcast_to(b.low, b.shape).ravel() for b in layout.values()])
+        high = np.hstack([np.broadcast_to(b.high, b.shape).ravel() for b in layout.values()])
+        super().__init__(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         self.layout = layout
         """Layout: name, place and meaning of each block."""
 
@@ -203,11 +199,7 @@ class KeyWindow:
     def check_keys(
         self, keys: Iterable[int], instead: str = "an environment made for this one"
     ) -> None:
-        """Check that the keys of a piece lie in the window; messages recommend ``instead``.
-
-        Raises:
-            ScoreError: If some do not. The message names the notes.
-        """
+        """Raise a ScoreError, which recommends ``instead``, if keys of a piece are not in it."""
         beyond = [key + MIN_PITCH for key in sorted(set(keys) - {*range(NUM_KEYS)[self.slice]})]
         if beyond:
             names, pitches = ", ".join(map(pitch_name, beyond)), ", ".join(map(str, beyond))

@@ -71,9 +71,7 @@ class PianoEnv(gym.Env[Any, Any]):
     | key_state | 989-1076 | key angles over their largest angle |
     | sustain | 1077 | the pedal's command in [0, 1] |
     | right_joints | 1078-1100 | right hand's joint positions, rad; its two sliders last, m |
-    | left_joints | 1101-1123 | left hand's |
-
-    A scene with one hand lacks the joints and fingers of the other: 1,096 numbers.
+    | left_joints | 1101-1123 | left hand's; one hand alone lacks the other's joints and fingers |
 
     The option ``observation`` chooses another one; ``observation_blocks`` adds your own blocks at
     the end, see :class:`~sb3_piano.envs.Block`.
@@ -119,10 +117,7 @@ class PianoEnv(gym.Env[Any, Any]):
     * v0: first version; equal to RoboPianist 1.0.10 with its authors' training settings.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": ["human", "rgb_array"],
-        "render_fps": 20,
-    }
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012
 
     def __init__(
         self, score: ScoreSource, *, render_mode: str | None = None, **options: Any

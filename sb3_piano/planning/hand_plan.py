@@ -10,6 +10,7 @@ import numpy as np
 
 from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.music.constants import THUMB
+from sb3_piano.music.fingering.leaps import TimedPress
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
@@ -23,7 +24,6 @@ from sb3_piano.planning.side_by_side import (
 from sb3_piano.planning.tracking_control import TrackingControl
 from sb3_piano.reading.key_frames import KeyFrames
 from sb3_piano.reading.piece import bounds_of
-from sb3_piano.reading.presses import TimedPress
 
 _MANY_STRETCHES = 4  # least number for which a second process saves more time than its start takes
 _UP = 2

@@ -15,8 +15,8 @@ from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.engine import mujoco
 from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
 from sb3_piano.music.dynamics import TRAVEL, speed_of
+from sb3_piano.music.fingering.leaps import TimedPress
 from sb3_piano.music.fingering.robot import hand_place
-from sb3_piano.reading.presses import TimedPress
 from sb3_piano.simulation import PianoScene
 
 WHITE_X = (0.052, 0.042)

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 from episodes import assert_checks_pass, at_random, steps_of
 from gymnasium import spaces
-from hypothesis import given
-from hypothesis import strategies as st
-from short_scores import score_of
+from short_scores import brute_force_goal, score_of
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import ObservationSpace, PianoEnv
-from sb3_piano.envs.encodings import finger_goals
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, PianoRoll, Score
@@ -94,45 +91,6 @@ def test_a_piece_that_leaves_the_window_is_refused_and_the_former_one_stays():
 
 
 # The fingers.
-
-
-def brute_force_goal(roll, finger, step, horizon):
-    """Return key, onset and release of a finger's present or next note, read off the roll."""
-
-    def key_at(t):
-        keys = np.flatnonzero(roll.active[t] & (roll.finger[t] == finger))
-        return int(keys[0]) if len(keys) else -1
-
-    for onset in range(step, min(step + horizon + 1, len(roll))):
-        if key_at(onset) >= 0:
-            end = onset + 1
-            while end < len(roll) and key_at(end) == key_at(onset):
-                if roll.onset[end, key_at(end)]:
-                    break
-                end += 1
-            return key_at(onset), onset - step, min(end - step, horizon)
-    return -1, horizon, horizon
-
-
-@pytest.mark.slow
-@given(
-    notes=st.lists(
-        st.tuples(st.integers(0, 25), st.integers(1, 8), st.integers(40, 48), st.integers(0, 9)),
-        min_size=1,
-        max_size=12,
-    ),
-    horizon=st.integers(1, 15),
-)
-def test_finger_goals_are_what_can_be_read_off_the_roll(notes, horizon):
-    score = score_of(
-        *((0.05 * at, 0.05 * (at + n), pitch, finger) for at, n, pitch, finger in notes)
-    )
-    roll = PianoRoll.from_score(score, 0.05)
-    ours = finger_goals(roll, horizon)
-    for step in range(len(roll)):
-        for finger in range(10):
-            expected = brute_force_goal(roll, finger, step, horizon)
-            assert tuple(int(array[step, finger]) for array in ours) == expected, (step, finger)
 
 
 def targets(env, observation):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from short_scores import score_of
+from short_scores import brute_force_goal, score_of
 from yaml_rows import Tables
 
 from sb3_piano import exceptions
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import MIN_PITCH, PianoRoll
-from sb3_piano.music.presses import Press, presses_of_hand
+from sb3_piano.music.presses import Press, finger_goals, presses_of_hand
 
 tables = Tables(__file__)
 
@@ -232,3 +232,24 @@ def test_strikes_without_a_silent_step_between_are_told_apart_by_their_onsets():
         sustain=np.zeros(6, dtype=bool),
     )
     assert [(p.first, p.last) for p in presses_of_hand(roll, 0)] == [(2, 3), (4, 5)]
+
+
+@pytest.mark.slow
+@given(
+    notes=st.lists(
+        st.tuples(st.integers(0, 25), st.integers(1, 8), st.integers(40, 48), st.integers(0, 9)),
+        min_size=1,
+        max_size=12,
+    ),
+    horizon=st.integers(1, 15),
+)
+def test_finger_goals_are_what_can_be_read_off_the_roll(notes, horizon):
+    score = score_of(
+        *((0.05 * at, 0.05 * (at + n), pitch, finger) for at, n, pitch, finger in notes)
+    )
+    roll = PianoRoll.from_score(score, 0.05)
+    ours = finger_goals(roll, horizon)
+    for step in range(len(roll)):
+        for finger in range(10):
+            expected = brute_force_goal(roll, finger, step, horizon)
+            assert tuple(int(array[step, finger]) for array in ours) == expected, (step, finger)

@@ -14,11 +14,11 @@ from hand_parts import (
 )
 
 from sb3_piano.music.constants import KEY_IS_BLACK
+from sb3_piano.music.fingering.leaps import TimedPress
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.music.presses import Press
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.reading.key_frames import key_frames
-from sb3_piano.reading.presses import TimedPress
 
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
 FAR = 10.0  # m

@@ -5,11 +5,11 @@ import pytest
 from hand_parts import arm_of, hand_of, keys_of, scene_of, whole_hand
 from scipy.optimize import Bounds, minimize
 
+from sb3_piano.music.fingering.leaps import TimedPress
 from sb3_piano.music.presses import Press
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
 from sb3_piano.reading.key_frames import key_frames
-from sb3_piano.reading.presses import TimedPress
 
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
 C4, N_STATES = 39, 24

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hand_parts import arm_of, hand_of, keys_of, rest_of, scene_of, whole_hand
 
+from sb3_piano.music.fingering.leaps import TimedPress
 from sb3_piano.music.presses import Press
 from sb3_piano.planning import tracking_control
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
 from sb3_piano.planning.tracking_control import HandDynamics, TrackingControl
 from sb3_piano.reading.key_frames import key_frames
-from sb3_piano.reading.presses import TimedPress
 
 SCENE = scene_of()
 KINEMATICS = hand_of(SCENE, 0)

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sb3_piano.music.constants import KEY_IS_BLACK
+from sb3_piano.music.fingering.leaps import TimedPress, time_presses
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.music.presses import Press
 from sb3_piano.reading.key_frames import _REACH, key_frames
-from sb3_piano.reading.presses import TimedPress, time_presses
 
 SCENE = scene_of()
 KEYS = keys_of(SCENE)

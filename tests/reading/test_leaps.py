@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering import robot
+from sb3_piano.music.fingering.leaps import time_presses
 from sb3_piano.music.fingering.robot import hand_place
 from sb3_piano.music.presses import Press
-from sb3_piano.reading.presses import time_presses
 
 WHITE = [key for key in range(88) if not KEY_IS_BLACK[key]]
 MIDDLE = 23  # of the white keys: C4

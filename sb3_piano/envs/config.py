@@ -17,7 +17,7 @@ from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.pedalling import Pedalling
 from sb3_piano.settings import Listed, Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation.physics import physics_profile
-from sb3_piano.viewing import View
+from sb3_piano.viewing.views import PictureHeight, PictureWidth, View
 
 ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
@@ -31,12 +31,6 @@ LookaheadSteps = Annotated[
     ),
 ]
 """Control steps after the current one that an observation shows."""
-
-PictureWidth = Annotated[Whole, Ge(1), Le(1920), Unit("pixels")]
-"""Width of a picture, pixels, up to that of the drawing context."""
-
-PictureHeight = Annotated[Whole, Ge(1), Le(1080), Unit("pixels")]
-"""Height of a picture, pixels, up to that of the drawing context."""
 
 
 @settings
@@ -167,13 +161,12 @@ class PianoEnvConfig:
     @property
     def simulation(self) -> str:
         """Options on which the physics depends, as text."""
-        physics, gravity = self.physics, self.gravity_compensation
-        step, hand = self.control_timestep, find_hand(self.hand)
+        hand = find_hand(self.hand)
         dofs = hand.forearm_dofs(self.forearm_dofs)
         forearms = "" if dofs == hand.forearm_dofs() else f", forearm_dofs {list(dofs)}"
         return (
-            f"physics {physics!r}, gravity_compensation {gravity}, control_timestep {step:g}"
-            f"{forearms}"
+            f"physics {self.physics!r}, gravity_compensation {self.gravity_compensation}, "
+            f"control_timestep {self.control_timestep:g}{forearms}"
         )
 
     @property

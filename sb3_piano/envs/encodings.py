@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sb3_piano.arrays import Arrays, BoolArray, FloatArray, IntArray
+from sb3_piano.arrays import Arrays, FloatArray, IntArray
 from sb3_piano.envs.blocks import Encoding, Now, Parts
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.observation import (
@@ -15,11 +15,11 @@ from sb3_piano.envs.observation import (
     ObservationBlock,
     ObservationLayout,
     described,
-    used_keys,
 )
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH, NUM_FINGERS
+from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH
+from sb3_piano.music.presses import finger_goals, steps_until
 from sb3_piano.simulation import PianoScene
 
 DM_PER_M = 10.0
@@ -48,7 +48,7 @@ class RollEncoding(Encoding):
         super().__init__(window.restrict(layout)[0])
 
     def _read(self, roll: PianoRoll) -> None:
-        self._window.check_keys(used_keys(roll))
+        self._window.check_keys(roll.used_keys)
         # Appended silence lets the lookahead of the last step be sliced like any other.
         self._goal = np.zeros((len(roll) + self.rows_shown - 1, len(self._window) + 1), np.float32)
         self._goal[: len(roll), :-1] = roll.active[:, self.keys]
@@ -76,8 +76,7 @@ class FingerEncoding(Encoding):
         self._scene, self._horizon = scene, config.n_steps_lookahead + 1
         self._timestep = config.control_timestep
         self._joints = _joints(scene)
-        longest = self._horizon * self._timestep
-        sizes = {"fingers": len(self._scene.fingers), "horizon": longest}
+        sizes = {"fingers": len(scene.fingers), "horizon": self._horizon * self._timestep}
         sizes["most_wrong"] = MOST_WRONG_KEYS
         names = ("targets", "pedal_goal", "sustain", "wrong_keys")
         blocks = [described(name, sizes) for name in names]
@@ -94,11 +93,10 @@ class FingerEncoding(Encoding):
         self._not_due = [int.from_bytes((~due).tobytes()) for due in roll.active]
         targets = np.zeros((*key.shape, 8))
         targets[:, :, 4] = there
-        targets[:, :, 5] = onset * self._timestep
-        targets[:, :, 6] = release * self._timestep
+        targets[:, :, 5:7] = np.stack([onset, release], axis=2) * self._timestep
         targets[:, :, 7] = there & KEY_IS_BLACK[key]
         changes = np.diff(roll.sustain, append=roll.sustain[-1])[:, None]
-        until = np.minimum(_steps_until(changes, self._horizon) + 1, self._horizon)
+        until = np.minimum(steps_until(changes, self._horizon) + 1, self._horizon)
         pedal = np.concatenate([roll.sustain[:, None], until * self._timestep], axis=1)
         self._use({"targets": targets, "pedal_goal": pedal})
 
@@ -151,48 +149,8 @@ def joint_facts(scene: PianoScene, limits: FloatArray) -> dict[str, Any]:
     }
 
 
-def finger_goals(roll: PianoRoll, horizon: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Find the present or next note of each of ten fingers in T control steps.
-
-    If labels give one finger several keys at once, its goal is the lowest.
-
-    Returns:
-        (T, 10) key to press, -1 if the finger has no note within the horizon; (T, 10) control steps
-        until the key must be down (0: now), and (T, 10) until it must be up again, at most the
-        horizon.
-    """
-    held, steps = _held_keys(roll), np.arange(len(roll))[:, None]
-    # A repeated key is silent for a step before the strike. Every note ends at the last step.
-    ends = (held >= 0) & (np.diff(held, axis=0, append=-2) != 0)
-    onset, release = _steps_until(held >= 0, horizon), _steps_until(ends, horizon) + 1
-    key = np.take_along_axis(held, np.minimum(steps + onset, len(roll) - 1), axis=0)
-    seen = onset <= horizon
-    release = np.where(seen, np.minimum(release, horizon), horizon)
-    return np.where(seen, key, -1), np.where(seen, onset, horizon), release
-
-
-def _steps_until(events: BoolArray, horizon: int) -> IntArray:
-    """Count the steps to each column's next event, (T, n); more than the horizon if it has none."""
-    steps = np.arange(len(events))[:, None]
-    at = np.where(events, steps, len(events) + horizon)
-    return np.minimum.accumulate(at[::-1])[::-1] - steps
-
-
-def _held_keys(roll: PianoRoll) -> IntArray:
-    """Return the key that each finger holds, (T, 10), or -1."""
-    held = np.full((len(roll), NUM_FINGERS), -1, dtype=np.intp)
-    # From the highest key to the lowest, so that the lowest overwrites the others.
-    steps, keys = (found[::-1] for found in np.nonzero(roll.active & (roll.finger >= 0)))
-    held[steps, roll.finger[steps, keys]] = keys
-    return held
-
-
 def check_labels(roll: PianoRoll, observation: str) -> None:
-    """Check that all notes of a roll have fingers, as an observation requires.
-
-    Raises:
-        ScoreError: If a note has none.
-    """
+    """Raise a ScoreError unless all notes of a roll have fingers, as an observation requires."""
     unlabelled = np.argwhere(roll.unlabelled)
     if len(unlabelled) > 0:
         step, key = unlabelled[0]

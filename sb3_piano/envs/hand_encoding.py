@@ -18,7 +18,7 @@ from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.music.fingering.problems import summary, unheld
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
-from sb3_piano.reading.piece import HandReading, bounds_of
+from sb3_piano.reading.piece import bounds_of, coming_presses
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
 
@@ -126,7 +126,7 @@ class HandEncoding(Encoding):
         read = read_piece(roll, self.hands, self.places)
         bounds = bounds_of(read.line, self.hands[0].spec.forearm.apart)
         hands, steps = [read.hands[side] for side in self._sides], np.arange(len(roll))
-        presses = np.stack([_shown_presses(hand, read.roll) for hand in hands], axis=1)
+        presses = np.stack([coming_presses(one, read.roll, PRESSES_AHEAD) for one in hands], axis=1)
 
         def ahead(values: list[Any], states: IntArray) -> FloatArray:
             """Look up hands' values, (T + 1, ...), at n offsets from each state, (T, h, n, ...)."""
@@ -219,34 +219,3 @@ def _blocks(scene: PianoScene) -> list[ObservationBlock]:
         *first, last = ahead.tolist()
         facts |= {f"n_{name}": len(ahead), name: f"{', '.join(map(str, first))} and {last}"}
     return [described(name, facts) for name in (*names, "line", "other_arm")]
-
-
-def _shown_presses(hand: HandReading, roll: PianoRoll) -> FloatArray:
-    """Tabulate each finger's present or next press and the one after it, in each of T states.
-
-    Returns:
-        (T, 2, f, 13) with the columns of the block "presses"; but first the place of the fingertip
-        when the key is down, m, and the key; times of the plan in states, and those of the written
-        note in s from the start. All 0 without such a press.
-    """
-    steps, fingers, timestep = len(roll), hand.frames.target.shape[1], roll.control_timestep
-    onsets = {(step, key): time for step, key, time in roll.strikes()}
-    states, shown = np.arange(steps), np.zeros((steps, PRESSES_AHEAD, fingers, 13))
-    for finger in range(fingers):
-        own = [one for one in hand.presses if one.press.finger == finger]
-        ends = np.maximum.accumulate([one.last for one in own] or [0])
-        following = np.searchsorted(ends, states + 1) if own else np.zeros(steps, np.intp)
-        table = np.zeros((len(own), 13))
-        for row, one in zip(table, own, strict=True):
-            # The step before leads to the first state.
-            key, start = one.press.key, one.press.first - 1
-            row[:3] = hand.frames.target[min(one.first, len(hand.place) - 1), finger]
-            row[3:6] = key, one.first, one.last
-            row[6:11] = True, KEY_IS_BLACK[key], one.leapt, one.leaps, one.repeated
-            row[11:] = onsets.get((start, key), start * timestep), one.press.last * timestep
-        for ahead in range(PRESSES_AHEAD):
-            at = following + ahead
-            there = at < len(own)
-            shown[there, ahead, finger] = table[at[there]]
-            shown[there, ahead, finger, 4:6] -= states[there, None]
-    return shown

@@ -152,13 +152,10 @@ class ObservationSpace(spaces.Box):
 
     def __init__(self, layout: ObservationLayout):
         """Take bounds and size from a layout."""
-        bounds = np.hstack(
-            [
-                [np.broadcast_to(bound, block.shape).ravel() for bound in (block.low, block.high)]
-                for block in layout.values()
-            ]
-        )
-        super().__init__(*bounds.astype(np.float32), dtype=np.float32)
+        lows = [np.broadcast_to(block.low, block.shape).ravel() for block in layout.values()]
+        highs = [np.broadcast_to(block.high, block.shape).ravel() for block in layout.values()]
+        low, high = (np.hstack(each, dtype=np.float32) for each in (lows, highs))
+        super().__init__(low, high, dtype=np.float32)
         self.layout = layout
         """Layout: name, place and meaning of each block."""
 
@@ -175,7 +172,7 @@ class KeyWindow:
     @classmethod
     def of(cls, roll: PianoRoll, margin: int) -> KeyWindow:
         """Make the window of a piece's keys and up to ``margin`` more on either side."""
-        return cls.around(used_keys(roll), margin)
+        return cls.around(roll.used_keys, margin)
 
     @classmethod
     def around(cls, keys: Iterable[int], margin: int) -> KeyWindow:
@@ -203,11 +200,7 @@ class KeyWindow:
     def check_keys(
         self, keys: Iterable[int], instead: str = "an environment made for this one"
     ) -> None:
-        """Check that the keys of a piece lie in the window; messages recommend ``instead``.
-
-        Raises:
-            ScoreError: If some do not. The message names the notes.
-        """
+        """Raise a ScoreError, which recommends ``instead``, if keys of a piece are not in it."""
         beyond = [key + MIN_PITCH for key in sorted(set(keys) - {*range(NUM_KEYS)[self.slice]})]
         if beyond:
             names, pitches = ", ".join(map(pitch_name, beyond)), ", ".join(map(str, beyond))
@@ -240,9 +233,3 @@ class KeyWindow:
 
 ALL_KEYS = KeyWindow(0, NUM_KEYS - 1)
 """The whole keyboard."""
-
-
-def used_keys(roll: PianoRoll) -> list[int]:
-    """Find the keys, 0 to 87, that are due in any step of a piece."""
-    used: list[int] = np.flatnonzero(roll.active.any(axis=0)).tolist()
-    return used

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.exceptions import ConfigError, SB3PianoError, ScoreError, one_line
+from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.hands import find_hand
 from sb3_piano.music import Score, find_piece, load_score
 from sb3_piano.music.catalogue import ScoreSource, is_path
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering, without_fingers
-from sb3_piano.music.fingering.split import assign_hands
-from sb3_piano.music.hands import Hand
+from sb3_piano.music.fingering.split import assign_hands, of_hand
 from sb3_piano.settings import refuse_unknown
 
 
@@ -52,25 +51,10 @@ def part_of_hands(score: Score, config: PianoEnvConfig) -> Score:
         ScoreError: If no note is left under the options ``hands`` and ``hands_in_scene``.
     """
     if config.hands != "both":
-        score = _of_hand(assign_hands(score), config.hands)
+        score = of_hand(assign_hands(score), config.hands)
     if len(config.sides) == 1:
-        score = _of_hand(score, config.sides[0])
+        score = of_hand(score, config.sides[0])
     return score
-
-
-def _of_hand(score: Score, hand: Hand) -> Score:
-    """Return the notes of a hand, including those of an unknown hand."""
-    notes = tuple(
-        note if note.hand == hand else replace(note, hand=hand)
-        for note in score.notes
-        if note.hand in (hand, None)
-    )
-    if not notes:
-        raise ScoreError(
-            f"{score.title!r} has no notes for the {hand} hand: expected a piece that it plays in, "
-            "or other hands or hands_in_scene."
-        )
-    return score if notes == score.notes else replace(score, notes=notes)
 
 
 _fingered = functools.lru_cache(maxsize=32)(apply_fingering)

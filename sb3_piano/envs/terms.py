@@ -287,11 +287,7 @@ def _own_term(name: Any, given: Any) -> Term:
 
 
 def finite_term(name: str, value: Any, step: StepView) -> float:
-    """Check that the value of a user's term is a finite number.
-
-    Raises:
-        ConfigError: If it is not.
-    """
+    """Raise a ConfigError unless the value of a user's term is a finite number; return it."""
     if not isinstance(value, Real) or not math.isfinite(value):
         raise ConfigError(
             f"Reward term {name!r} is {value!r} in control step {step.number}: expected a finite "

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
+from sb3_piano.arrays import BoolArray, IntArray
+from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_FINGERS, UNKNOWN_FINGER
 from sb3_piano.music.roll import PianoRoll
 
 
@@ -45,3 +46,39 @@ def presses_of_hand(roll: PianoRoll, hand: int) -> list[Press]:
                 finger_of_hand, struck = label % FINGERS_PER_HAND, int(roll.velocity[start, key])
                 presses.append(Press(key, finger_of_hand, start + 1, end, struck))
     return sorted(presses, key=lambda press: (press.first, press.key))
+
+
+def finger_goals(roll: PianoRoll, horizon: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Find the present or next note of each of ten fingers in T control steps.
+
+    If labels give one finger several keys at once, its goal is the lowest.
+
+    Returns:
+        (T, 10) key to press, -1 if the finger has no note within the horizon; (T, 10) control steps
+        until the key must be down (0: now), and (T, 10) until it must be up again, at most the
+        horizon.
+    """
+    held, steps = _held_keys(roll), np.arange(len(roll))[:, None]
+    # A repeated key is silent for a step before the strike. Every note ends at the last step.
+    ends = (held >= 0) & (np.diff(held, axis=0, append=-2) != 0)
+    onset, release = steps_until(held >= 0, horizon), steps_until(ends, horizon) + 1
+    key = np.take_along_axis(held, np.minimum(steps + onset, len(roll) - 1), axis=0)
+    seen = onset <= horizon
+    release = np.where(seen, np.minimum(release, horizon), horizon)
+    return np.where(seen, key, -1), np.where(seen, onset, horizon), release
+
+
+def steps_until(events: BoolArray, horizon: int) -> IntArray:
+    """Count the steps to each column's next event, (T, n); more than the horizon if it has none."""
+    steps = np.arange(len(events))[:, None]
+    at = np.where(events, steps, len(events) + horizon)
+    return np.minimum.accumulate(at[::-1])[::-1] - steps
+
+
+def _held_keys(roll: PianoRoll) -> IntArray:
+    """Return the key that each finger holds, (T, 10), or -1."""
+    held = np.full((len(roll), NUM_FINGERS), -1, dtype=np.intp)
+    # From the highest key to the lowest, so that the lowest overwrites the others.
+    steps, keys = (found[::-1] for found in np.nonzero(roll.active & (roll.finger >= 0)))
+    held[steps, roll.finger[steps, keys]] = keys
+    return held

@@ -10,7 +10,7 @@ import numpy as np
 from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import MIDDLE
+from sb3_piano.music.constants import KEY_IS_BLACK, MIDDLE
 from sb3_piano.music.fingering.robot import KEY_SPACING, release_early
 from sb3_piano.music.presses import presses_of_hand
 from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER, KeyFrames, KeyPlaces, key_frames
@@ -129,3 +129,32 @@ def dividing_line(
 def bounds_of(line: FloatArray, apart: float) -> tuple[FloatArray, FloatArray]:
     """Compute the bounds beyond which the right and the left arm must stay, (s,) m each."""
     return line + apart / 2, line - apart / 2
+
+
+def coming_presses(hand: HandReading, roll: PianoRoll, count: int) -> FloatArray:
+    """Tabulate each finger's present or next press and those after it, in each of T states.
+
+    Returns:
+        (T, count, f, 13): the place of the fingertip when the key is down, m, and the key; how many
+        states away the first and the last state are in which it is down; 1, and whether the key is
+        black, the hand leaps before and after, and the finger strikes the key again; the times of
+        the written note in s from the start. All 0 without such a press.
+    """
+    onsets = {(step, key): time for step, key, time in roll.strikes()}
+    states, timestep = np.arange(len(roll))[:, None], roll.control_timestep
+    shown = np.zeros((len(roll), count, hand.frames.target.shape[1], 13))
+    for finger in range(shown.shape[2]):
+        own = [one for one in hand.presses if one.press.finger == finger]
+        table = np.zeros((len(own) + 1, 13))  # the last row is no press
+        for row, one in zip(table, own, strict=False):
+            # The step before leads to the first state.
+            key, start = one.press.key, one.press.first - 1
+            row[:3] = hand.frames.target[min(one.first, len(hand.place) - 1), finger]
+            row[3:6] = key, one.first, one.last
+            row[6:11] = True, KEY_IS_BLACK[key], one.leapt, one.leaps, one.repeated
+            row[11:] = onsets.get((start, key), start * timestep), one.press.last * timestep
+        ends = np.maximum.accumulate([one.last for one in own])
+        number = np.searchsorted(ends, states + 1) + np.arange(count)
+        shown[:, :, finger] = table[np.minimum(number, len(own))]
+    shown[..., 4:6] -= states[:, None, None] * shown[..., 6:7]
+    return shown

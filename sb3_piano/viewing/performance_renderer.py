@@ -15,10 +15,9 @@ from sb3_piano.viewing.frame_renderer import Area, FrameRenderer
 from sb3_piano.viewing.moment import FINGER_COLORS, Color, Moment, geom_colors
 from sb3_piano.viewing.note_bars import NoteBars, draw_notes, finger_plates
 from sb3_piano.viewing.stage import FAR_END, FELT, HALF_WHITE, HANDS, LANES, PANEL_GROUP, staged
-from sb3_piano.viewing.views import SHOTS, View, place_camera
+from sb3_piano.viewing.views import LARGEST, SHOTS, View, place_camera
 
 _FINER = 1.5
-_LARGEST = (1920, 1080)
 _GRID = 6
 """Areas begin at multiples of it, pixels of the larger drawing: whole pixels of the picture."""
 _AROUND = 9
@@ -47,7 +46,7 @@ class PerformanceRenderer:
         # Drawing larger and scaling down is as smooth as four samples a pixel, and takes two thirds
         # of the time without a graphics card; the size of the drawing context is limited.
         large = round(_FINER * width), round(_FINER * height)
-        finer = large[0] <= _LARGEST[0] and large[1] <= _LARGEST[1]
+        finer = large[0] <= LARGEST[0] and large[1] <= LARGEST[1]
         self._scale, samples = (_FINER, 0) if finer else (1.0, 4)
         size = large if finer else self._size
         self._whole = Area(0, 0, *size)

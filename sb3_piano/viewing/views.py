@@ -17,6 +17,15 @@ from sb3_piano.viewing.stage import FIELD_OF_VIEW
 View = Literal["stage", "close", "top", "roll"]
 """Name of a view."""
 
+LARGEST = (1920, 1080)
+"""Largest width and height of a picture, pixels: those of the drawing context."""
+
+PictureWidth = Annotated[Whole, Ge(1), Le(LARGEST[0]), Unit("pixels")]
+"""Width of a picture, pixels."""
+
+PictureHeight = Annotated[Whole, Ge(1), Le(LARGEST[1]), Unit("pixels")]
+"""Height of a picture, pixels."""
+
 _EVEN = Unit("pixels, even as the video's format demands")
 
 
@@ -28,9 +37,9 @@ class Picture:
         ConfigError: If a value is out of range.
     """
 
-    width: Annotated[Whole, Ge(2), Le(1920), MultipleOf(2), _EVEN] = 854
+    width: Annotated[Whole, Ge(2), Le(LARGEST[0]), MultipleOf(2), _EVEN] = 854
     """Pixels, even, at most 1920."""
-    height: Annotated[Whole, Ge(2), Le(1080), MultipleOf(2), _EVEN] = 480
+    height: Annotated[Whole, Ge(2), Le(LARGEST[1]), MultipleOf(2), _EVEN] = 480
     """Pixels, even, at most 1080."""
     view: View = "stage"
     """Name of the view: "stage", "close", "top" or "roll"."""

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from sb3_piano.envs.config import PictureHeight, PictureWidth
 from sb3_piano.settings import checked
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing import FrameRenderer
 from sb3_piano.viewing.moment import geom_colors
+from sb3_piano.viewing.views import PictureHeight, PictureWidth
 from sb3_piano.wrappers.piano import unwrap_piano
 
 Camera = Literal["overview", "topdown"]

@@ -1,4 +1,4 @@
-"""Assign notes to a pianist's hands where the file does not give them."""
+"""Assign notes to a pianist's hands where the file does not give them; take one hand's part."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray
+from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.music.fingering.ergonomic import TOGETHER
 from sb3_piano.music.fingering.hand_search import HandCosts, Part, lowest_left, search
+from sb3_piano.music.hands import Hand
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
 
@@ -45,6 +47,25 @@ def assign_hands(score: Score) -> Score:
     hands = search(score.notes, _Pianist())
     notes = [replace(note, hand=hand) for note, hand in zip(score.notes, hands, strict=True)]
     return replace(score, notes=tuple(notes))
+
+
+def of_hand(score: Score, hand: Hand) -> Score:
+    """Return the notes of a hand, including those of an unknown hand.
+
+    Raises:
+        ScoreError: If there are none; the message names the options of environments.
+    """
+    notes = tuple(
+        note if note.hand == hand else replace(note, hand=hand)
+        for note in score.notes
+        if note.hand in (hand, None)
+    )
+    if not notes:
+        raise ScoreError(
+            f"{score.title!r} has no notes for the {hand} hand: expected a piece that it plays in, "
+            "or other hands or hands_in_scene."
+        )
+    return score if notes == score.notes else replace(score, notes=notes)
 
 
 class _Pianist(HandCosts):

@@ -15,7 +15,6 @@ from sb3_piano.envs.observation import (
     ObservationBlock,
     ObservationLayout,
     described,
-    used_keys,
 )
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
@@ -49,7 +48,7 @@ class RollEncoding(Encoding):
         super().__init__(window.restrict(layout)[0])
 
     def _read(self, roll: PianoRoll) -> None:
-        self._window.check_keys(used_keys(roll))
+        self._window.check_keys(roll.used_keys)
         # Appended silence lets the lookahead of the last step be sliced like any other.
         self._goal = np.zeros((len(roll) + self.rows_shown - 1, len(self._window) + 1), np.float32)
         self._goal[: len(roll), :-1] = roll.active[:, self.keys]

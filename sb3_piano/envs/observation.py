@@ -152,9 +152,10 @@ class ObservationSpace(spaces.Box):
 
     def __init__(self, layout: ObservationLayout):
         """Take bounds and size from a layout."""
-        low = np.hstack([np.broadcast_to(b.low, b.shape).ravel() for b in layout.values()])
-        high = np.hstack([np.broadcast_to(b.high, b.shape).ravel() for b in layout.values()])
-        super().__init__(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        lows = [np.broadcast_to(block.low, block.shape).ravel() for block in layout.values()]
+        highs = [np.broadcast_to(block.high, block.shape).ravel() for block in layout.values()]
+        low, high = (np.hstack(each, dtype=np.float32) for each in (lows, highs))
+        super().__init__(low, high, dtype=np.float32)
         self.layout = layout
         """Layout: name, place and meaning of each block."""
 
@@ -171,7 +172,7 @@ class KeyWindow:
     @classmethod
     def of(cls, roll: PianoRoll, margin: int) -> KeyWindow:
         """Make the window of a piece's keys and up to ``margin`` more on either side."""
-        return cls.around(used_keys(roll), margin)
+        return cls.around(roll.used_keys, margin)
 
     @classmethod
     def around(cls, keys: Iterable[int], margin: int) -> KeyWindow:
@@ -232,9 +233,3 @@ class KeyWindow:
 
 ALL_KEYS = KeyWindow(0, NUM_KEYS - 1)
 """The whole keyboard."""
-
-
-def used_keys(roll: PianoRoll) -> list[int]:
-    """Find the keys, 0 to 87, that are due in any step of a piece."""
-    used: list[int] = np.flatnonzero(roll.active.any(axis=0)).tolist()
-    return used

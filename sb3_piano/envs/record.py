@@ -162,8 +162,7 @@ class EpisodeRecord:
         self.struck, self.hit_keys = (0, 0), []
         if simulation.sounding == self._sounding:
             return
-        now, before = (int.from_bytes(each) for each in (simulation.sounding, self._sounding))
-        keys = [key for key, down in enumerate((now & ~before).to_bytes(NUM_KEYS)) if down]
+        keys = [key for key, now in enumerate(simulation.sounding) if now > self._sounding[key]]
         self.hit_keys = [key for key in keys if self._is_hit(key, simulation)]
         self.struck = len(self.hit_keys), len(keys) - len(self.hit_keys)
 

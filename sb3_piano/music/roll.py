@@ -192,6 +192,11 @@ class PianoRoll:
         return velocity
 
     @property
+    def used_keys(self) -> list[int]:
+        """Keys, 0 to 87, that are due in any step, ascending."""
+        return list(map(int, np.flatnonzero(self.active.any(axis=0))))
+
+    @property
     def unlabelled(self) -> NDArray[np.bool_]:
         """Due keys without a finger label, except notes released early, (T, 88) bool."""
         missing = self.active & (self.finger < 0)

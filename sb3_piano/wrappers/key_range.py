@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from annotated_types import Ge, Le
 
-from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, used_keys
+from sb3_piano.envs.observation import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
 from sb3_piano.settings import Index, Whole, checked
@@ -92,7 +92,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
             ScoreError: If its piece leaves the range, which is not to be hidden.
         """
         observation, info = super().reset(seed=seed, options=options)
-        self._check(used_keys(self._piano.roll))
+        self._check(self._piano.roll.used_keys)
         return observation, info
 
     def observation(self, observation: Any) -> npt.NDArray[np.float32]:

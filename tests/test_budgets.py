@@ -25,23 +25,23 @@ LINES = {
     "callbacks": 2_891,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_697,
+    "envs": 2_692,
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
     "jobs": 729,
     "lab": 7_596,
     "metrics": 1_416,
-    "music": 8_906,
+    "music": 9_011,
     "pipelines": 1_009,
     "planning": 3_139,
     "players": 2_289,
     "policies": 1_682,
-    "reading": 478,
+    "reading": 392,
     "simulation": 898,
     "training": 6_328,
     "tuning": 1_260,
-    "vec_env": 491,
+    "vec_env": 480,
     "viewing": 2_583,
     "wrappers": 2_317,
 }
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_614, "modules": 336, "names": 226},
+    "core": {"lines": 50_631, "modules": 336, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
     "tests": {"lines": 40_382},
 }

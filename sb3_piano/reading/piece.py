@@ -11,6 +11,7 @@ from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.hands.kinematics import HandKinematics
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, MIDDLE
+from sb3_piano.music.fingering.leaps import TimedPress, time_presses
 from sb3_piano.music.fingering.robot import KEY_SPACING, release_early
 from sb3_piano.music.presses import presses_of_hand
 from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER, KeyFrames, KeyPlaces, key_frames

@@ -25,17 +25,17 @@ LINES = {
     "callbacks": 2_891,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_692,
+    "envs": 2_691,
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
     "jobs": 729,
     "lab": 7_596,
     "metrics": 1_416,
-    "music": 9_011,
+    "music": 9_076,
     "pipelines": 1_009,
     "planning": 3_139,
-    "players": 2_289,
+    "players": 2_290,
     "policies": 1_682,
     "reading": 392,
     "simulation": 898,
@@ -43,7 +43,7 @@ LINES = {
     "tuning": 1_260,
     "vec_env": 480,
     "viewing": 2_583,
-    "wrappers": 2_317,
+    "wrappers": 2_272,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_631, "modules": 336, "names": 226},
+    "core": {"lines": 50_651, "modules": 337, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
     "tests": {"lines": 40_382},
 }

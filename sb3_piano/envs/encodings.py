@@ -10,15 +10,15 @@ from sb3_piano.arrays import Arrays, FloatArray, IntArray
 from sb3_piano.envs.blocks import Encoding, Now, Parts
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.observation import (
-    ALL_KEYS,
-    KeyWindow,
     ObservationBlock,
     ObservationLayout,
     described,
+    restrict_to,
 )
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, MIN_PITCH
+from sb3_piano.music.key_window import ALL_KEYS, KeyWindow
 from sb3_piano.music.presses import finger_goals, steps_until
 from sb3_piano.simulation import PianoScene
 
@@ -45,7 +45,7 @@ class RollEncoding(Encoding):
         sizes = {"rows": self.rows_shown, "fingers": len(self._fingers)}
         blocks = [described(name, sizes) for name in (*first, "key_state", "sustain")]
         layout = ObservationLayout([*blocks, *_joint_blocks(scene)])
-        super().__init__(window.restrict(layout)[0])
+        super().__init__(restrict_to(window, layout)[0])
 
     def _read(self, roll: PianoRoll) -> None:
         self._window.check_keys(roll.used_keys)

@@ -14,10 +14,10 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sb3_piano.arrays import IntArray
-from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import read_table
-from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIN_PITCH, NUM_KEYS
+from sb3_piano.music.key_window import KeyWindow
 from sb3_piano.music.pitch import pitch_name
 
 
@@ -160,76 +160,23 @@ class ObservationSpace(spaces.Box):
         """Layout: name, place and meaning of each block."""
 
 
-@dataclass(frozen=True)
-class KeyWindow:
-    """Range of keys from ``first`` to ``last``, inclusive, of 0 (A0) to 87 (C8)."""
+def restrict_to(window: KeyWindow, layout: ObservationLayout) -> tuple[ObservationLayout, IntArray]:
+    """Restrict the goal and the key state of a layout to a window; see its ``restrict``.
 
-    first: int
-    """Lowest key."""
-    last: int
-    """Highest key."""
+    Both blocks may have been restricted before.
 
-    @classmethod
-    def of(cls, roll: PianoRoll, margin: int) -> KeyWindow:
-        """Make the window of a piece's keys and up to ``margin`` more on either side."""
-        return cls.around(roll.used_keys, margin)
-
-    @classmethod
-    def around(cls, keys: Iterable[int], margin: int) -> KeyWindow:
-        """Make the window around some keys with up to ``margin`` more on either side.
-
-        Without any keys it is the whole keyboard.
-        """
-        keys = set(keys)
-        if not keys:
-            return ALL_KEYS
-        return cls(max(min(keys) - margin, 0), min(max(keys) + margin, NUM_KEYS - 1))
-
-    @property
-    def slice(self) -> slice:
-        """Slice of the window's keys among all keys."""
-        return slice(self.first, self.last + 1)
-
-    def __len__(self) -> int:
-        return self.last + 1 - self.first
-
-    def __str__(self) -> str:
-        low, high = self.first + MIN_PITCH, self.last + MIN_PITCH
-        return f"of pitch {low} to {high} ({pitch_name(low)} to {pitch_name(high)})"
-
-    def check_keys(
-        self, keys: Iterable[int], instead: str = "an environment made for this one"
-    ) -> None:
-        """Raise a ScoreError, which recommends ``instead``, if keys of a piece are not in it."""
-        beyond = [key + MIN_PITCH for key in sorted(set(keys) - {*range(NUM_KEYS)[self.slice]})]
-        if beyond:
-            names, pitches = ", ".join(map(pitch_name, beyond)), ", ".join(map(str, beyond))
-            raise ScoreError(
-                f"The piece has {names}, of pitch {pitches}, but the observation shows only the "
-                f"keys {self}: expected a piece within them, or {instead}."
+    Raises:
+        ConfigError: If the layout lacks keys of the window.
+    """
+    keys, kept = list(range(window.first, window.last + 1)), {}
+    for name, wanted in (("goal", [*keys, NUM_KEYS]), ("key_state", keys)):
+        position = {column: i for i, column in enumerate(layout[name].all_columns.tolist())}
+        missing = [column for column in wanted if column not in position]
+        if missing:
+            raise ConfigError(
+                f"The keys {window} cannot be cut out of the block {name!r}: "
+                f"{len(missing)} of them were cut before, such as "
+                f"{pitch_name(missing[0] + MIN_PITCH)}. Expected keys that the block shows."
             )
-
-    def restrict(self, layout: ObservationLayout) -> tuple[ObservationLayout, IntArray]:
-        """Restrict the goal and the key state of a layout to the window; see its ``restrict``.
-
-        Both blocks may have been restricted before.
-
-        Raises:
-            ConfigError: If the layout lacks keys of the window.
-        """
-        keys, kept = list(range(self.first, self.last + 1)), {}
-        for name, wanted in (("goal", [*keys, NUM_KEYS]), ("key_state", keys)):
-            position = {column: i for i, column in enumerate(layout[name].all_columns.tolist())}
-            missing = [column for column in wanted if column not in position]
-            if missing:
-                raise ConfigError(
-                    f"The keys {self} cannot be cut out of the block {name!r}: "
-                    f"{len(missing)} of them were cut before, such as "
-                    f"{pitch_name(missing[0] + MIN_PITCH)}. Expected keys that the block shows."
-                )
-            kept[name] = np.array([position[column] for column in wanted])
-        return layout.restrict(kept)
-
-
-ALL_KEYS = KeyWindow(0, NUM_KEYS - 1)
-"""The whole keyboard."""
+        kept[name] = np.array([position[column] for column in wanted])
+    return layout.restrict(kept)

@@ -16,7 +16,7 @@ from sb3_piano.envs.encodings import FingerEncoding, RollEncoding
 from sb3_piano.envs.episode_end import LimitRef, StepInfo, ends_by_limit, time_limits
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.hand_encoding import HandEncoding
-from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
+from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
 from sb3_piano.envs.record import EnvState, EpisodeRecord, Snapshot
 from sb3_piano.envs.score_choice import (
     ScoreSource,
@@ -30,6 +30,7 @@ from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedE
 from sb3_piano.hands import find_hand
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
+from sb3_piano.music.key_window import ALL_KEYS, KeyWindow
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation, compile_scene
 from sb3_piano.simulation.keyboard import pedal_threshold

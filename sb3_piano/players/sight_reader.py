@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.envs.actions import HandActionMap
 from sb3_piano.envs.hand_encoding import HandEncoding
 from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import ConfigError, PlanWarning
@@ -21,7 +22,7 @@ from sb3_piano.music.fingering.problems import summary, unheld
 from sb3_piano.players.hand_model import SHIPPED, HandModel
 from sb3_piano.players.policy import PianoPolicy, singles_of
 from sb3_piano.simulation import PianoScene
-from sb3_piano.wrappers.hand_actions import HandActionMap, HandActions, hand_actions_of
+from sb3_piano.wrappers.hand_actions import HandActions, hand_actions_of
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv

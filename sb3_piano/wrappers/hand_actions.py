@@ -10,21 +10,16 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.envs.actions import action_numbers, check_finite
+from sb3_piano.envs.actions import (
+    REACH,
+    HandActionMap,
+    action_numbers,
+    check_finite,
+    hand_action_unit,
+)
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
-from sb3_piano.settings import Positive, checked
-from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.scene import tip_unit
 from sb3_piano.wrappers.piano import unwrap_piano
-
-REACH = 1.2
-"""Default largest offset of a finger joint's target from its position, rad."""
-
-# Target offsets that move a fingertip about as far in a control step of 0.05 s as 1 rad of a finger
-# joint. In a step fingers cover two thirds of the offset, wrists a half, sliders 8 % (in m).
-_UNIT = {"finger": 1.0, "wrist": 0.5, "forearm": 0.5, "elbow": tip_unit("elbow")}
-_MIRRORED = ("along", "roll")  # mirrored in the left hand
 
 
 class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -60,7 +55,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
             )
         self.map = HandActionMap(self._piano.scene, reach)
         """Map from these actions to the actuators' targets, and back."""
-        self.action_space = self.map.space
+        self.action_space = spaces.Box(-1.0, 1.0, self.reach.shape, dtype=np.float32)
 
     @property
     def reach(self) -> FloatArray:
@@ -100,47 +95,6 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     def _positions(self) -> FloatArray:
         piano = self._piano
         return piano.scene.actuator_positions(piano.data.qpos[piano.scene.hand_qpos])
-
-
-class HandActionMap:
-    """Maps actions relative to the present joint positions onto the actuators' targets.
-
-    An action has one number in [-1, 1] for each actuator, in the scene's order. An actuator's
-    target is its position plus its reach times the number, clipped to its control range. The left
-    hand is mirrored: its slider along the keyboard and its forearm's roll have the opposite sign.
-    """
-
-    def __init__(self, scene: PianoScene, reach: float = REACH):
-        """Take the actuators of a scene; ``reach`` is as in :class:`HandActions`."""
-        self.reach = checked("reach", reach, Positive) * hand_action_unit(scene)
-        """(n,) offset by an action of 1, rad, or m for the sliders; negative if mirrored."""
-        shape = self.reach.shape
-        self._low, self._high = np.full(shape, -1.0), np.ones(shape)
-        self._ctrl_low, self._ctrl_high = scene.ctrl_low.copy(), scene.ctrl_high.copy()
-        self.space = spaces.Box(-1.0, 1.0, shape, dtype=np.float32)
-
-    def controls(self, action: npt.NDArray[np.floating], positions: FloatArray) -> FloatArray:
-        """Convert an action to the actuators' targets, (n,) rad or m; it is clipped to [-1, 1].
-
-        ``positions`` are the actuators' present positions, (n,) rad or m.
-        """
-        offsets = np.minimum(np.maximum(action, self._low), self._high)
-        controls = positions + self.reach * offsets
-        return np.minimum(np.maximum(controls, self._ctrl_low), self._ctrl_high)
-
-    def action(self, controls: FloatArray, positions: FloatArray) -> Float32Array:
-        """Compute the action for (n,) targets of the actuators, clipped to the reach."""
-        offsets = (controls - positions) / self.reach
-        return np.minimum(np.maximum(offsets, self._low), self._high).astype(np.float32)
-
-
-def hand_action_unit(scene: PianoScene) -> FloatArray:
-    """Offsets that move fingertips equally, (n,) rad, or m for sliders; negative if mirrored."""
-    unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
-    for role in _MIRRORED if "left" in scene.sides else ():
-        of_role = np.flatnonzero(np.array(scene.actuator_role) == role)
-        unit[of_role[-1:]] *= -1  # the left hand's is the last one, if any
-    return unit
 
 
 def change_of_actions(env: gym.Env[Any, Any], rad: float, caller: str) -> FloatArray:

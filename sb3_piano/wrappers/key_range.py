@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from annotated_types import Ge, Le
 
-from sb3_piano.envs.observation import ALL_KEYS, KeyWindow
+from sb3_piano.envs.observation import restrict_to
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
+from sb3_piano.music.key_window import ALL_KEYS, KeyWindow
 from sb3_piano.settings import Index, Whole, checked
 from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, unwrap_piano
 from sb3_piano.wrappers.score_wrapper import possible_scores
@@ -78,7 +79,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
         self.window = _window(keys, checked("margin", margin, Index), possible)
         """The keys that are observed."""
         self._check(possible)
-        cut, self._columns = self.window.restrict(layout)
+        cut, self._columns = restrict_to(self.window, layout)
         super().__init__(env, cut)
         if simulated:
             self._piano.fix_keys(self.window.first, self.window.last)

@@ -12,10 +12,10 @@ from short_scores import brute_force_goal, score_of
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import ObservationSpace, PianoEnv
-from sb3_piano.envs.observation import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, PianoRoll, Score
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
+from sb3_piano.music.key_window import ALL_KEYS, KeyWindow
 
 # Steps 0-2: thumb on C4 (key 39), steps 1-1: left index finger on D#2 (key 18, black); steps 6-8:
 # thumb on E4 (key 43). The pedal is down in steps 2 to 4. There are ten steps.

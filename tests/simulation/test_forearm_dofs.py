@@ -9,11 +9,11 @@ import pytest
 from hand_parts import data_at, hand_of, random_positions, scene_of
 
 from sb3_piano.envs import PianoEnv
+from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hands import find_hand
 from sb3_piano.training.playing.player import OpenPlayer, stage_for
 from sb3_piano.training.playing.takes import take_of
-from sb3_piano.wrappers.hand_actions import hand_action_unit
 
 ALL = tuple(find_hand().forearm.joints.values())
 TURNING = ("forearm_tx", "forearm_ty", "forearm_yaw")

@@ -15,6 +15,7 @@ from yaml_rows import Tables
 from sb3_piano.cli import main
 from sb3_piano.demonstrations import record
 from sb3_piano.envs import GENERAL_ID
+from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.exceptions import ConfigError, InvalidActionError, RunError
 from sb3_piano.hyperparams import FINE_TUNING
 from sb3_piano.layers import layers
@@ -35,7 +36,6 @@ from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.playing.player_files import write_player
 from sb3_piano.training.playing.recording import player_to_record
 from sb3_piano.wrappers import PitchShift
-from sb3_piano.wrappers.hand_actions import hand_action_unit
 
 TUNE = Score(notes=[Note(onset=i / 5, offset=(i + 1) / 5, pitch=72 + i, finger=i) for i in (0, 1)])
 CALLBACKS = yaml.safe_load(FINE_TUNING["sac"].read_text())["default"]["callback"][:1]

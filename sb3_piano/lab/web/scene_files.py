@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.simulation.compiling import attach_parts, scene_parts
 from sb3_piano.simulation.exact_xml import exact_xml
-from sb3_piano.wrappers.hand_actions import hand_action_unit
 
 
 def scene_xml(scene: PianoScene) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sb3_piano.envs.actions import REACH
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import FINE_TUNING
 from sb3_piano.imports import import_name
@@ -21,7 +22,6 @@ from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import load_config, overlaid
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.wrappers.hand_actions import REACH
 from sb3_piano.wrappers.residual import Residual
 
 _RESIDUAL = "sb3_piano.training.RunResidual"

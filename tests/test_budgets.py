@@ -55,7 +55,7 @@ LONG_WORK_LINES = 2_998
 TOTALS = {
     "core": {"lines": 50_651, "modules": 337, "names": 226},
     "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 40_382},
+    "tests": {"lines": 40_413},
 }
 
 

@@ -11,7 +11,8 @@ from yaml_rows import Tables
 
 from sb3_piano.music import BUILT_IN
 from sb3_piano.music.fingering import without_fingers
-from sb3_piano.music.fingering.split import assign_hands
+from sb3_piano.music.fingering.search import search
+from sb3_piano.music.fingering.split import _Pianist, assign_hands
 
 tables = Tables(__file__)
 
@@ -108,3 +109,17 @@ def test_hands_never_cross_within_a_chord(drawn):
         left = [note.pitch for note in chord if note.hand == "left"]
         right = [note.pitch for note in chord if note.hand == "right"]
         assert max(left, default=0) <= min(right, default=127)
+
+
+def test_a_key_is_held_once_however_many_notes_lie_on_it():
+    held = []
+
+    class Watching(_Pianist):
+        def costs(self, states, chord):
+            held.append(len(chord.held))
+            return super().costs(states, chord)
+
+    together = [(0.0, 60, 50.0, None)] * 9
+    again = [(0.1 * i, 48 + i % 3, 50.0, None) for i in range(1, 30)]
+    search(score(*together, *again).notes, Watching())
+    assert max(held) == 3  # 60, and two of the three keys: the third is struck

@@ -256,3 +256,11 @@ def test_a_note_gets_a_finger_of_its_new_hand():
 def test_studies_of_scales_stay_as_they_are_written(name):
     score = load_score(name)
     assert robot_hands(score, STEP).notes == score.notes
+
+
+def test_only_the_cheapest_ways_go_on(monkeypatch):
+    steps = enumerate(zip((0, 2, 4, 6, 3, 8, 1), (0, 1, 2, 0, 3, 4, 0), strict=True))
+    presses = notes(*((*one, 3 * i + 1, 3 * i + 3) for i, one in steps))
+    exact = choose(presses, 1, 0.0)
+    monkeypatch.setattr(robot, "_MOST_STATES", 1)
+    assert choose(presses, 1, 0.0) != exact

@@ -167,3 +167,11 @@ def test_titles_of_built_in_pieces_are_those_that_people_write_and_others_stay()
 def test_where_a_file_needs_a_hand_an_unknown_one_is_chosen_by_the_pitch(suffix, tmp_path):
     write_score(score_of((0, 1, 59), (0, 1, 60)), tmp_path / f"a.{suffix}")
     assert [n.hand for n in load_score(tmp_path / f"a.{suffix}").notes] == ["left", "right"]
+
+
+def test_thousands_are_selected_without_reading_one(tmp_path):
+    for number in range(3000):
+        (tmp_path / f"{number:04}.mid").write_bytes(b"")
+    (tmp_path / "all.txt").write_text("\n".join(f"./{n:04}.mid" for n in range(3000)))
+    assert len(select_pieces(tmp_path / "all.txt")) == 3000
+    assert len(select_pieces(str(tmp_path / "*.mid"))) == 3000

@@ -11,7 +11,7 @@ from yaml_rows import Tables
 
 from sb3_piano.music import BUILT_IN
 from sb3_piano.music.fingering import without_fingers
-from sb3_piano.music.fingering.search import search
+from sb3_piano.music.fingering.hand_search import search
 from sb3_piano.music.fingering.split import _Pianist, assign_hands
 
 tables = Tables(__file__)

@@ -41,7 +41,7 @@ CASES = Path(__file__).parents[2] / "music" / "cases"
 LABELS = [(-1, None), *FINGERS, *HANDS]
 RIGHT_VALUES, TRACKS = (
     yaml.safe_load((CASES.parent / name).read_text(encoding="utf-8"))
-    for name in ("cases/midi.yml", "tables/track_hands.yml")
+    for name in ("cases/midi.yml", "tables/midi.yml")
 )
 NAMES = [name for name, _ in TRACKS["a_name_tells_the_hand_or_nothing"]]
 RARE_MUSICXML = Tables(__file__)["rare_musicxml"]

@@ -1,18 +1,22 @@
 """Where other fingerings differ from labels, by kind of passage: docs/reproductions/curriculum.md.
 
     python benchmarks/fingering_passages.py
+    python benchmarks/fingering_passages.py --collections crossed
     python benchmarks/fingering_passages.py --files PIG/FingeringFiles/*.txt
+    python benchmarks/fingering_passages.py --write FOLDER --pieces arpeggio-CMajor
 
 The share of labelled notes that another fingering gives another finger, with a 95 % interval over
 pieces (bootstrap). Optimal transport has no finger before somebody plays: it is the assignment with
 the least total distance of fingertips and due keys at the first control step of each note, while
 the planned pianist plays the piece with its own fingers. The two searches get the notes of each
-hand as the labels give them, and no finger.
+hand as the labels give them, and no finger. With --write, each is a table for `fingering=`.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import itertools
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -26,8 +30,10 @@ from scipy.stats import bootstrap
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.lab.music.passages import KINDS, passages
-from sb3_piano.music import BUILT_IN, MIN_PITCH, Score, read_score
+from sb3_piano.music import BUILT_IN, MIN_PITCH, Note, Score, read_score
 from sb3_piano.music.fingering import apply_fingering, without_fingers
+from sb3_piano.music.hands import HANDS
+from sb3_piano.music.pitch import pitch_name
 from sb3_piano.players import PlannedPianist
 from sb3_piano.training.playing.player import PLANNED_IN
 
@@ -73,6 +79,44 @@ METHODS = {
     "ergonomic": lambda score: searched(score, "ergonomic"),
     "robot": lambda score: searched(score, "robot"),
 }
+
+
+def crossings() -> dict[str, Score]:
+    """Return studies of ours in which one hand plays a broken triad and the other crosses over it.
+
+    The crossing hand plays a low note and a high one in turn, the farther one with the index
+    finger, as is usual.
+    """
+    studies = {}
+    for root, crossing in itertools.product((60, 62, 65, 67), HANDS):
+        still = "left" if crossing == "right" else "right"
+        broken = {"right": (0, 2, 4, 2), "left": (9, 7, 5, 7)}[still]
+        low, high = {"left": (9, 6), "right": (1, 4)}[crossing]
+        rows: list[tuple[float, float, int, int]] = []
+        for bar in range(8):
+            for k, (finger, step) in enumerate(zip(broken, (0, 4, 7, 4), strict=True)):
+                rows.append((bar + 0.25 * k, 0.23, root + step, finger))
+            rows += [(bar, 0.4, root - 12, low), (bar + 0.5, 0.4, root + 16, high)]
+        notes = [
+            Note(onset=onset, offset=onset + duration, pitch=pitch, finger=finger)
+            for onset, duration, pitch, finger in rows
+        ]
+        title = f"crossed-{pitch_name(root)}-{crossing}"
+        studies[title] = Score(notes=notes, title=title)
+    return studies
+
+
+def write(name: str, folder: Path) -> None:
+    """Write each method's fingers for a built-in piece: FOLDER/METHOD/PIECE.csv."""
+    score = BUILT_IN[name].score()
+    for method, find in METHODS.items():
+        file = folder / method / f"{name}.csv"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("w", encoding="utf-8", newline="") as text:
+            table = csv.writer(text, lineterminator="\n")
+            table.writerow(["onset", "pitch", "finger"])
+            for note, finger in zip(score.notes, find(score), strict=True):
+                table.writerow([f"{note.onset:.4f}", pitch_name(note.pitch), finger])
 
 
 def counts(score: Score, fingers: Sequence[int]) -> dict[str, tuple[int, int]]:
@@ -125,13 +169,20 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--collections", nargs="+", default=["repertoire", "scale", "arpeggio"], metavar="NAME"
     )
+    parser.add_argument("--write", type=Path, metavar="FOLDER", help="write tables of fingers")
+    parser.add_argument("--pieces", nargs="+", default=[], metavar="NAME", help="built-in pieces")
     options = parser.parse_args(argv)
     warnings.simplefilter("ignore", PlanWarning)
+    if options.write:
+        for name in options.pieces:
+            write(name, options.write)
+        return
     if options.files:
         scores = {path.stem: read_score(path) for path in options.files}
     else:
         chosen = [n for n, piece in BUILT_IN.items() if piece.collection in options.collections]
         scores = {name: BUILT_IN[name].score() for name in chosen}
+        scores |= crossings() if "crossed" in options.collections else {}
     heads = ("passage", "pieces", "notes", "paper, transport", *METHODS)
     print(f"| {' | '.join(heads)} |")
     print(f"| --- |{' ---: |' * (len(heads) - 1)}")

@@ -7,8 +7,8 @@ A study is a YAML file: at most so many ``minutes`` of one core for each trainin
 steps an evaluation, ``seeds``, ``envs`` (ids) and ``pieces`` (names or files), of which only the
 first ``seconds`` where it names some, and ``variants``: for each name the algorithm (``algo``), the
 preset's entry ``default`` in place of the piece's (``published``), another ``file`` than the
-preset's or "fast", a player to be corrected (``player``; "{piece}" in it is the piece's name), and
-``settings`` laid over these.
+preset's or "fast", a player to be corrected (``player``), and ``settings`` laid over these. The
+player's and ``fingering``'s "{piece}" is the piece's name.
 
 Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
 episode in an environment of its own, always on the reference physics; the clock stands still
@@ -69,6 +69,8 @@ class Variant:
         """Return the settings of a training."""
         given = dict(self.settings)
         kwargs = {**given.pop("env_kwargs", {}), **piece.env_kwargs}
+        if "fingering" in kwargs:
+            kwargs["fingering"] = kwargs["fingering"].format(piece=piece.name)
         env_id = piece.env_id
         if self.published:
             kwargs = {**gym.spec(env_id).kwargs, **kwargs}

@@ -215,8 +215,9 @@ def refuse_unknown(
     for name in names:
         if name not in known:
             place = f" of {of}" if of else ""
+            others = [other for other in (*known, *near) if other != name]
             raise ConfigError(
-                f"Unknown {what} {name!r}{place}.{near_names(str(name), [*known, *near])} Expected "
+                f"Unknown {what} {name!r}{place}.{near_names(str(name), others)} Expected "
                 f"one of {', '.join(known)}."
             )
 

@@ -153,9 +153,6 @@ def test_what_is_no_run_or_a_damaged_one_is_named(tmp_path):
             RunFolder.open(tmp_path).read_config()
 
 
-pytestmark = pytest.mark.slow
-
-
 class SmallDisk:
     """A mounted disk of a few megabytes, by its folder."""
 
@@ -217,6 +214,7 @@ def error_of(capfd, *arguments):
     return line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("episode", "vec_env"),
     [(5, "subproc"), (20, "dummy")],
@@ -246,6 +244,7 @@ def test_a_training_whose_disk_fills_up_goes_on_when_there_is_room(
     assert all(entry["l"] == episode for entry in episodes_of(run.monitor_dir))
 
 
+@pytest.mark.slow
 def test_files_beside_a_training_are_refused_in_one_line_too(piano_run, disk, capfd):
     run = piano_run(0.0, "disk/run").path
     disk.fill()
@@ -256,6 +255,7 @@ def test_files_beside_a_training_are_refused_in_one_line_too(piano_run, disk, ca
     assert main(["evaluate", str(run), "--episodes", "1"]) == 0
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_write_protected_is_named(pendulum_run, disk, capfd):
     run = pendulum_run("disk/run").path
     disk.protect()

@@ -25,7 +25,7 @@ LINES = {
     "callbacks": 2_894,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_700,
+    "envs": 2_697,
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
@@ -35,7 +35,7 @@ LINES = {
     "music": 9_087,
     "pipelines": 1_009,
     "planning": 3_144,
-    "players": 2_317,
+    "players": 2_318,
     "policies": 1_682,
     "reading": 403,
     "simulation": 898,
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_717, "modules": 337, "names": 226},
+    "core": {"lines": 50_715, "modules": 337, "names": 226},
     "lab": {"lines": 7_662, "modules": 57, "names": 23},
     "tests": {"lines": 40_577},
 }

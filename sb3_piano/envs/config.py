@@ -22,8 +22,8 @@ from sb3_piano.viewing.views import PictureHeight, PictureWidth, View
 ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
 
-HandsVersion = Literal[1, 2]
-"""Versions of the observation "hands"."""
+NEWEST_HANDS = 2
+"""Newest version of the observation "hands"; a change of its numbers makes another."""
 
 LookaheadSteps = Annotated[
     Whole,
@@ -59,7 +59,7 @@ class PianoEnvConfig:
     time of each finger's next press, the pedal, the number of wrong keys, and the joints. "hands"
     has two equal parts, one per hand, with its coming targets; the left hand is mirrored, as in the
     actions of :class:`~sb3_piano.wrappers.HandActions`. Both need finger labels."""
-    hands_version: HandsVersion = 1
+    hands_version: Annotated[Whole, Ge(1), Le(NEWEST_HANDS)] = 1
     """Version of the observation "hands". 1 is that of the shipped sight-reader, which plays with
     either; 2 also shows how loud each hand's coming notes should be."""
     observation_blocks: Annotated[tuple[Any, ...], Listed] = ()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from sb3_piano.arrays import Arrays, Float32Array, FloatArray, IntArray
 from sb3_piano.envs.blocks import Encoding, Now, Parts
-from sb3_piano.envs.config import HandsVersion, PianoEnvConfig
+from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import DM_PER_M, check_labels, joint_facts
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, described
 from sb3_piano.exceptions import ConfigError, PlanWarning
@@ -22,9 +22,6 @@ from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
 from sb3_piano.reading.piece import bounds_of, coming_presses
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
-
-NEWEST_HANDS = max(get_args(HandsVersion))
-"""Newest version of the numbers in the blocks. A network fits one; each change makes another."""
 
 FRAMES_AHEAD = np.array([1, 2, 3, 4, 6, 8])
 """Offsets of the states whose key frames are observed, in control steps."""

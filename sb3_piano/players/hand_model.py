@@ -18,7 +18,8 @@ import safetensors.numpy
 from sb3_piano.array_files import in_order, read_shapes
 from sb3_piano.arrays import Float32Array
 from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.hand_encoding import CLIP, NEWEST_HANDS, PRESSES_AHEAD, HandEncoding
+from sb3_piano.envs.config import NEWEST_HANDS
+from sb3_piano.envs.hand_encoding import CLIP, PRESSES_AHEAD, HandEncoding
 from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.files import write_bytes
@@ -177,7 +178,7 @@ class HandModel:
         Version 2 appends the notes' loudness, whose weights are 0.
         """
         facts = self.facts
-        if facts.observation_version == NEWEST_HANDS:
+        if facts.observation_version >= NEWEST_HANDS:
             return self
         more = PRESSES_AHEAD * facts.blocks["fingertips"] // 3
         added = {"standardize.mean": _MEAN_LOUDNESS, "standardize.scale": 1 / _STD_LOUDNESS}

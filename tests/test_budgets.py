@@ -22,22 +22,22 @@ LINES = {
     "base": 2_576,
     "batch": 2_418,
     "buffers": 654,
-    "callbacks": 2_891,
+    "callbacks": 2_894,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_691,
+    "envs": 2_697,
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
     "jobs": 729,
-    "lab": 7_596,
+    "lab": 7_662,
     "metrics": 1_416,
-    "music": 9_076,
+    "music": 9_087,
     "pipelines": 1_009,
-    "planning": 3_139,
-    "players": 2_290,
+    "planning": 3_144,
+    "players": 2_318,
     "policies": 1_682,
-    "reading": 392,
+    "reading": 403,
     "simulation": 898,
     "training": 6_328,
     "tuning": 1_260,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_651, "modules": 337, "names": 226},
-    "lab": {"lines": 7_596, "modules": 56, "names": 23},
-    "tests": {"lines": 40_413},
+    "core": {"lines": 50_715, "modules": 337, "names": 226},
+    "lab": {"lines": 7_662, "modules": 57, "names": 23},
+    "tests": {"lines": 40_577},
 }
 
 

@@ -10,9 +10,9 @@ from sb3_piano.policies.hand_network import HandHead
 from sb3_piano.wrappers import HandActions
 
 
-def hands(piece, observation="hands"):
+def hands(piece, observation="hands", **options):
     """Return an environment for it."""
-    options = {"reduced_action_space": False, "physics": "fast", "initial_buffer_time": 0.1}
+    options |= {"reduced_action_space": False, "physics": "fast", "initial_buffer_time": 0.1}
     return HandActions(PianoEnv(piece, observation=observation, **options))
 
 

@@ -92,6 +92,9 @@ class HandWeightsCallback(_AtFirst):
                 f"The policy's activation_fn is {activation}: expected "
                 f"{network.facts.activation}, with which '{path}' was trained."
             )
+        own, newest = hand_weights(self.model.policy)["standardize.mean"], network.newest()
+        if own.shape == newest.tensors["standardize.mean"].shape:
+            network = newest
         tensors = {name: torch.from_numpy(array) for name, array in network.tensors.items()}
         load_hand_weights(self.model.policy, tensors)
 

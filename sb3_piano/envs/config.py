@@ -22,6 +22,9 @@ from sb3_piano.viewing.views import PictureHeight, PictureWidth, View
 ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
 
+NEWEST_HANDS = 2
+"""Newest version of the observation "hands"; a change of its numbers makes another."""
+
 LookaheadSteps = Annotated[
     Whole,
     Ge(0),
@@ -56,6 +59,9 @@ class PianoEnvConfig:
     time of each finger's next press, the pedal, the number of wrong keys, and the joints. "hands"
     has two equal parts, one per hand, with its coming targets; the left hand is mirrored, as in the
     actions of :class:`~sb3_piano.wrappers.HandActions`. Both need finger labels."""
+    hands_version: Annotated[Whole, Ge(1), Le(NEWEST_HANDS)] = 1
+    """Version of the observation "hands". 1 is that of the shipped sight-reader, which plays with
+    either; 2 also shows how loud each hand's coming notes should be."""
     observation_blocks: Annotated[tuple[Any, ...], Listed] = ()
     """Your own blocks at the end of the observation: subclasses of
     :class:`~sb3_piano.envs.Block`, or their import paths, "package.module.Name"."""

@@ -16,14 +16,12 @@ from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, desc
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS, UNKNOWN_FINGER
+from sb3_piano.music.dynamics import LOUDEST
 from sb3_piano.music.fingering.problems import summary, unheld
 from sb3_piano.reading import KeyPlaces, Reading, both_hands, read_piece
 from sb3_piano.reading.piece import bounds_of, coming_presses
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.scene import SIDES
-
-HANDS_VERSION = 1
-"""Version of the numbers in the blocks. A network fits one version; raise it with each change."""
 
 FRAMES_AHEAD = np.array([1, 2, 3, 4, 6, 8])
 """Offsets of the states whose key frames are observed, in control steps."""
@@ -95,7 +93,7 @@ class HandEncoding(Encoding):
         self.black = np.pad(KEY_IS_BLACK.astype(np.float32), _MARGIN)
         self.around = (_AROUND * self.sign.astype(np.intp))[:, None] + _MARGIN  # (h, 1, 3)
         self._key_state = np.zeros(NUM_KEYS + 2 * _MARGIN)
-        blocks = _blocks(scene)
+        blocks = _blocks(scene, config.hands_version)
         of_hand = ObservationLayout(blocks)
         self.at = {name: block.slice for name, block in of_hand.items()}
         """Place of each block among the numbers of a hand."""
@@ -126,7 +124,8 @@ class HandEncoding(Encoding):
         read = read_piece(roll, self.hands, self.places)
         bounds = bounds_of(read.line, self.hands[0].spec.forearm.apart)
         hands, steps = [read.hands[side] for side in self._sides], np.arange(len(roll))
-        presses = np.stack([coming_presses(one, read.roll, PRESSES_AHEAD) for one in hands], axis=1)
+        coming = np.stack([coming_presses(one, read.roll, PRESSES_AHEAD) for one in hands], axis=1)
+        presses, velocity = coming[..., :13], coming[..., 13]
 
         def ahead(values: list[Any], states: IntArray) -> FloatArray:
             """Look up hands' values, (T + 1, ...), at n offsets from each state, (T, h, n, ...)."""
@@ -153,6 +152,7 @@ class HandEncoding(Encoding):
         line = ahead([bounds[side] for side in self._sides], LINE_AHEAD)
         places = ahead([hand.place for hand in hands], PLACES_AHEAD)
         known = {"frames": frames, "presses": presses, "places": DM_PER_M * self.sign * places}
+        known |= {"loudness": velocity / LOUDEST} if "loudness" in self.at else {}
         busy = ahead([hand.busy for hand in hands], BUSY_AHEAD)
         self._use({**known, "busy": busy, "line": DM_PER_M * self.sign * line})
         return read
@@ -210,7 +210,7 @@ class HandEncoding(Encoding):
         out[..., 9] = _CM_PER_M * (self.places.y[key] - across) * self.sign
 
 
-def _blocks(scene: PianoScene) -> list[ObservationBlock]:
+def _blocks(scene: PianoScene, version: int) -> list[ObservationBlock]:
     """Describe the blocks of a hand, also of the mirrored left one."""
     names = ("positions", "velocities", "fingertips", "frames", "presses", "keys", "places", "busy")
     facts: dict[str, Any] = {"late": MOST_TIME, "fastest": FASTEST, "n_presses": PRESSES_AHEAD}
@@ -218,4 +218,5 @@ def _blocks(scene: PianoScene) -> list[ObservationBlock]:
     for name, ahead in _AHEAD.items():
         *first, last = ahead.tolist()
         facts |= {f"n_{name}": len(ahead), name: f"{', '.join(map(str, first))} and {last}"}
-    return [described(name, facts) for name in (*names, "line", "other_arm")]
+    names = (*names, "line", "other_arm", *(("loudness",) if version > 1 else ()))
+    return [described(name, facts) for name in names]

@@ -9,8 +9,7 @@ import numpy as np
 from sb3_piano.arrays import FloatArray
 from sb3_piano.envs.blocks import Block
 from sb3_piano.music.constants import NUM_KEYS
-
-_LOUDEST = 127
+from sb3_piano.music.dynamics import LOUDEST
 
 
 class Loudness(Block):
@@ -26,7 +25,7 @@ class Loudness(Block):
 
     def prepare(self, roll: Any) -> FloatArray:
         """Return the velocity of each key's next strike in each control step, (T, 88)."""
-        velocity: FloatArray = roll.velocity / _LOUDEST
+        velocity: FloatArray = roll.velocity / LOUDEST
         for step in range(len(velocity) - 2, -1, -1):
             velocity[step] = np.where(roll.onset[step], velocity[step], velocity[step + 1])
         return velocity

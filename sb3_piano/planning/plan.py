@@ -143,6 +143,7 @@ class HandTasks(NamedTuple):
             hold_depth=settings.hold_depth,
             stretch=settings.stretch,
             hurry=settings.hurry,
+            leave_early=settings.leave_early,
             dynamics=settings.dynamics > 0,
         )
         readings = [read.hands[side] for side in sides]

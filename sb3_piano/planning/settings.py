@@ -43,6 +43,10 @@ class PlanSettings:
     """Control steps by which leaps shorten the notes around them less than the fingering expects.
     Most music then sounds worse; refinement finds the parts that sound better."""
 
+    leave_early: Index = 0
+    """Control steps by which fingers leave their keys earlier before a leap, where the pedal holds
+    the notes: keys are held for less time, and more strikes are in time (docs/dynamics.md)."""
+
     arms_apart: Number | None = None
     """Least distance of the two forearms, m; by default that of the hand."""
 

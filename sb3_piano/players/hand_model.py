@@ -18,7 +18,8 @@ import safetensors.numpy
 from sb3_piano.array_files import in_order, read_shapes
 from sb3_piano.arrays import Float32Array
 from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.hand_encoding import CLIP, HANDS_VERSION, HandEncoding
+from sb3_piano.envs.config import NEWEST_HANDS
+from sb3_piano.envs.hand_encoding import CLIP, PRESSES_AHEAD, HandEncoding
 from sb3_piano.envs.observation import ObservationLayout
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.files import write_bytes
@@ -136,13 +137,14 @@ class HandModel:
         from sb3_piano.policies.hand_network import hand_weights  # imports torch
 
         tensors = {name: tensor.numpy() for name, tensor in hand_weights(policy).items()}
+        piano = unwrap_piano(env, "HandModel.of")
         activation: Any = policy.activation_fn
         facts = HandFacts(
             activation=activation.__name__,
             reach=float(hand_actions_of(env, "HandModel.of").reach.max()),  # a finger's
             num_timesteps=num_timesteps,
             about=about,
-            **_of_piano(unwrap_piano(env, "HandModel.of")),
+            **_of_piano(piano, piano.config.hands_version),
         )
         return cls(tensors, facts)
 
@@ -169,6 +171,25 @@ class HandModel:
             return cls(tensors, HandFacts(**{n: json.loads(t) for n, t in metadata.items()}))
         except (SB3PianoError, ValueError) as error:
             raise ConfigError(f"'{path}' cannot be used: {_EXPECTED}. {one_line(error)}") from error
+
+    def newest(self) -> HandModel:
+        """Return this network for the newest version of "hands"; it plays alike.
+
+        Version 2 appends the notes' loudness, whose weights are 0.
+        """
+        facts = self.facts
+        if facts.observation_version >= NEWEST_HANDS:
+            return self
+        more = PRESSES_AHEAD * facts.blocks["fingertips"] // 3
+        added = {"standardize.mean": _MEAN_LOUDNESS, "standardize.scale": 1 / _STD_LOUDNESS}
+        added |= dict.fromkeys((f"network.hidden.0.{_OF_LAYER[0]}", "head.weight"), 0.0)
+        tensors = dict(self.tensors)
+        for name, value in added.items():
+            new = np.full((*tensors[name].shape[:-1], more), value)
+            tensors[name] = np.append(tensors[name], new, axis=-1)
+        blocks = {**facts.blocks, "loudness": more}
+        new_facts = dataclasses.replace(facts, observation_version=NEWEST_HANDS, blocks=blocks)
+        return HandModel(tensors, new_facts)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the network to a file for :meth:`load`, replacing an existing one."""
@@ -208,7 +229,7 @@ class HandModel:
         return np.tanh(self._head @ latent + self._bias).T.reshape(-1)
 
     def check(self, piano: PianoEnv, name: str) -> None:
-        """Check that this network can play in an environment.
+        """Check that this network can play in an environment, whose ``hands_version`` may differ.
 
         Args:
             piano: The environment.
@@ -217,7 +238,7 @@ class HandModel:
         Raises:
             ConfigError: If it was trained for another control step, action space or observation.
         """
-        found = _of_piano(piano)
+        found = _of_piano(piano, min(self.facts.observation_version, NEWEST_HANDS))
         reduced = piano.config.reduced_action_space == (found["actions"] == self.facts.actions)
         for fact, here in found.items():
             trained = getattr(self.facts, fact)
@@ -239,14 +260,16 @@ _FACTS = {
 """Metadata that must match the environment, in words for messages."""
 
 _OF_LAYER = ("linear.weight", "linear.bias", "norm.weight", "norm.bias")
+_MEAN_LOUDNESS, _STD_LOUDNESS = 0.5, 0.2  # of 127: about what music has
 _EPSILON = np.float32(1e-5)  # torch.nn.LayerNorm's
 
 
-def _of_piano(piano: PianoEnv) -> dict[str, Any]:
-    """Return the metadata that a network needs to play in an environment."""
-    layout = HandEncoding(piano.scene, piano.config).layout
+def _of_piano(piano: PianoEnv, version: int) -> dict[str, Any]:
+    """Return the metadata that a network for a version of "hands" needs in an environment."""
+    config = dataclasses.replace(piano.config, hands_version=version)
+    layout = HandEncoding(piano.scene, config).layout
     return {
-        "observation_version": HANDS_VERSION,
+        "observation_version": version,
         "control_timestep": piano.config.control_timestep,
         "actions": len(piano.scene.ctrl_low) // len(piano.scene.sides),
         "blocks": _blocks_of_hand(layout, f"{piano.scene.sides[0]}_"),

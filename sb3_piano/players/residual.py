@@ -76,7 +76,11 @@ class PlayerResidual(Residual, gym.utils.RecordConstructorArgs):
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation, (n,), of a hand's observation in the sight-reader."""
-        tensors = HandModel.load(SHIPPED if self._model is None else self._model).tensors
+        model = HandModel.load(SHIPPED if self._model is None else self._model)
+        config = self._piano.config
+        if config.observation == "hands" and config.hands_version > 1:
+            model = model.newest()
+        tensors = model.tensors
         mean, scale = (tensors[f"standardize.{name}"].astype(float) for name in ("mean", "scale"))
         return mean, 1 / scale
 

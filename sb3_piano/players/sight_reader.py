@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -89,7 +89,8 @@ class SightReader(PianoPolicy):
         if known is not None and known.scene is piano.scene:  # else other keys are rigid now
             encoding = known.encoding
         else:
-            encoding = HandEncoding(piano.scene, piano.config)
+            version = self.model.facts.observation_version
+            encoding = HandEncoding(piano.scene, replace(piano.config, hands_version=version))
         roll = piano.goal.fingered_roll
         problems = unheld(encoding.read(roll).roll)
         if piano.config.observation == "hands":  # the environment has warned of unlabelled notes

@@ -72,17 +72,27 @@ def read_piece(
     stretch: float = 0.0,
     hurry: int = 0,
     dynamics: bool = False,
+    leave_early: int = 0,
 ) -> Reading:
     """Compute the presses and targets of both hands in a piece.
 
     It takes a few milliseconds for each second of music; nothing is optimised or simulated. Heights
-    and distances are in m, a depth is a share of a key's travel, ``stretch`` and ``hurry`` are as
-    in :func:`time_presses`. With ``dynamics`` fingers strike from as far as velocities ask for.
+    and distances are in m, a depth is a share of a key's travel; ``stretch``, ``hurry`` and
+    ``leave_early`` are as in :func:`time_presses`. With ``dynamics`` fingers strike from as far as
+    velocities ask for.
     """
     robot, loudness_step = hands[0].spec, roll.control_timestep if dynamics else 0.0
     roll, states, read = release_early(roll, robot), len(roll) + 1, []
     for side, hand in enumerate(hands):
-        presses = time_presses(presses_of_hand(roll, side), hand.sign, stretch, hurry, robot)
+        presses = time_presses(
+            presses_of_hand(roll, side),
+            hand.sign,
+            stretch,
+            hurry,
+            robot,
+            leave_early,
+            roll.sustain.tolist(),
+        )
         frames = key_frames(
             presses, hand.sign, states, hand.radius, keys, hover, hold_depth, loudness_step
         )
@@ -137,24 +147,25 @@ def coming_presses(hand: HandReading, roll: PianoRoll, count: int) -> FloatArray
     """Tabulate each finger's present or next press and those after it, in each of T states.
 
     Returns:
-        (T, count, f, 13): the place of the fingertip when the key is down, m, and the key; how many
+        (T, count, f, 14): the place of the fingertip when the key is down, m, and the key; how many
         states away the first and the last state are in which it is down; 1, and whether the key is
         black, the hand leaps before and after, and the finger strikes the key again; the times of
-        the written note in s from the start. All 0 without such a press.
+        the written note in s from the start, and its velocity. All 0 without such a press.
     """
     onsets = {(step, key): time for step, key, time in roll.strikes()}
     states, timestep = np.arange(len(roll))[:, None], roll.control_timestep
-    shown = np.zeros((len(roll), count, hand.frames.target.shape[1], 13))
+    shown = np.zeros((len(roll), count, hand.frames.target.shape[1], 14))
     for finger in range(shown.shape[2]):
         own = [one for one in hand.presses if one.press.finger == finger]
-        table = np.zeros((len(own) + 1, 13))  # the last row is no press
+        table = np.zeros((len(own) + 1, 14))  # the last row is no press
         for row, one in zip(table, own, strict=False):
             # The step before leads to the first state.
             key, start = one.press.key, one.press.first - 1
             row[:3] = hand.frames.target[min(one.first, len(hand.place) - 1), finger]
             row[3:6] = key, one.first, one.last
             row[6:11] = True, KEY_IS_BLACK[key], one.leapt, one.leaps, one.repeated
-            row[11:] = onsets.get((start, key), start * timestep), one.press.last * timestep
+            row[11:13] = onsets.get((start, key), start * timestep), one.press.last * timestep
+            row[13] = one.press.velocity
         ends = np.maximum.accumulate([one.last for one in own])
         number = np.searchsorted(ends, states + 1) + np.arange(count)
         shown[:, :, finger] = table[np.minimum(number, len(own))]

@@ -63,6 +63,7 @@ ONE_HAND = {
 OPTIONS = [
     {"observation": "roll"},
     {"observation": "hands", "wrappers": HANDS},
+    {"observation": "hands", "hands_version": 2},
     ONE_HAND["right"],
     {"hands_in_scene": "none"},
     {"wrong_press_termination": True},

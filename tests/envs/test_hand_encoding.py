@@ -1,5 +1,6 @@
 """The observation of hands that have read the piece, both as right hands."""
 
+import dataclasses
 import warnings
 
 import mujoco
@@ -29,6 +30,10 @@ PIECE = score_of(
 )
 OPTIONS = {"reduced_action_space": False, "initial_buffer_time": 0.5, "physics": "fast"}
 SIDES = ("right", "left")
+NAMES = (
+    *("positions", "velocities", "fingertips", "frames", "presses", "keys", "places", "busy"),
+    *("line", "other_arm"),
+)
 ONE_STEP = 0.05 * np.array([1, 1, 0, 0, 0, 0, 0, 1, 1])
 
 
@@ -116,6 +121,32 @@ def test_presses_count_down_and_the_next_one_follows():
     assert after[second + 3, 8] == 1  # to C6 the hand leaps, and strikes later than written
     assert after[second + 3, 11] < after[second + 3, 4] - 0.05 + 1e-6
     np.testing.assert_allclose(now[0, 11:], [0.5, 0.7], atol=1e-6)
+
+
+def test_version_2_also_shows_how_loud_the_coming_notes_should_be():
+    loud = {60: 90, 64: 50, 46: 33, 84: 127}
+    notes = [dataclasses.replace(note, velocity=loud[note.pitch]) for note in PIECE.notes]
+    score = dataclasses.replace(PIECE, notes=tuple(notes))
+    one, two = (
+        PianoEnv(score, observation="hands", hands_version=version, **OPTIONS) for version in (1, 2)
+    )
+    seen = []
+    for env in (one, two):
+        observation, _ = env.reset(seed=0)
+        seen.append([shown(env, observation)])
+        for _ in range(len(env.roll) - 1):
+            observation, *_ = env.step(env.rest_action)
+            seen[-1].append(shown(env, observation))
+    for before, after in zip(*seen, strict=True):
+        assert list(after) == [f"{side}_{n}" for side in SIDES for n in (*NAMES, "loudness")]
+        for name, numbers in before.items():
+            np.testing.assert_array_equal(after[name], numbers)
+    right, left = (np.array([s[f"{side}_loudness"] for s in seen[1]]) * 127 for side in SIDES)
+    # The thumb plays C4, C4 and C6, the middle finger E4; the left index finger B flat.
+    np.testing.assert_allclose(right[0], [[90, 0, 50, 0, 0], [90, 0, 0, 0, 0]], atol=1e-4)
+    np.testing.assert_allclose(left[0], [[0, 33, 0, 0, 0], [0, 0, 0, 0, 0]], atol=1e-4)
+    np.testing.assert_allclose(right[16], [[90, 0, 50, 0, 0], [127, 0, 0, 0, 0]], atol=1e-4)
+    np.testing.assert_allclose(right[-2], [[127, 0, 0, 0, 0], [0, 0, 0, 0, 0]], atol=1e-4)
 
 
 def test_keys_around_a_finger_show_depth_and_whether_they_are_due():

@@ -110,6 +110,16 @@ def test_what_two_fingers_span_is_held_to_its_end_unless_told_otherwise(stretch,
     assert [one.leaps for one in presses] == [leaps, False]
 
 
+def test_a_key_is_left_early_where_the_pedal_holds_its_note():
+    leap = score_of((0.0, 0.5, 60, 0), (0.5, 1.0, 72, 0), pedals=[(0.1, 0.8)])
+    ends = []
+    for settings in (QUICK, dataclasses.replace(QUICK, leave_early=4)):
+        made = plan(roll_of(leap), scene_of(full=False), settings)
+        ends.append([one.last for one in made.hands[0].task.presses])
+    # The leap of an octave takes four of the states 11 to 20; the pedal is down from step 12 on.
+    assert ends == [[16, 30], [12, 30]]
+
+
 def test_another_control_step_may_be_chosen():
     score = five_fingers(order=(0, 2), length=0.4)
     made = plan(score, scene_of(full=False), QUICK, control_timestep=0.1)

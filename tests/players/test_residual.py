@@ -60,6 +60,17 @@ def test_an_action_of_0_plays_exactly_as_the_sight_reader(observation, network):
         np.testing.assert_array_equal(ours, its)
 
 
+def test_it_standardises_what_the_network_does_not_know_as_loudness(network):
+    one, two = (
+        PlayerResidual(hands(TUNE, "hands", hands_version=version), model=network)
+        for version in (1, 2)
+    )
+    pairs = zip(one.standardization, two.standardization, strict=True)
+    for (before, after), added in zip(pairs, (0.5, 0.2), strict=True):
+        assert 2 * len(after) == two.observation_space.shape[0]
+        np.testing.assert_allclose(after, [*before, *[added] * 10], rtol=1e-6)
+
+
 def test_an_action_of_0_plays_as_the_plan():
     alone, env = hands(TUNE).env, PlayerResidual(hands(TUNE), "planned")
     pianist = PlannedPianist(alone)

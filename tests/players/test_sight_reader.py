@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import torch
 from episodes import play_episode
+from stable_baselines3 import TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
+from sb3_piano.callbacks import HandWeightsCallback
 from sb3_piano.envs import Block, PianoEnv
-from sb3_piano.envs.hand_encoding import HANDS_VERSION
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.lab.music.corpus import HELD_OUT
 from sb3_piano.music import Note, Score, load_score
@@ -101,7 +102,7 @@ def test_it_acts_as_the_policy_in_torch_that_it_was_made_of(kind, activation, tm
     assert (model.facts.num_timesteps, model.facts.about) == (7, {"data": "none"})
     assert (model.facts.reach, model.facts.control_timestep) == (1.2, 0.05)
     for network in (model, HandModel.load(SHIPPED)):
-        assert network.facts.observation_version == HANDS_VERSION
+        assert network.facts.observation_version == env.unwrapped.config.hands_version == 1
     observations = np.random.default_rng(1).normal(size=(30, *env.observation_space.shape)) * 3
     acted = np.stack([model.act(one) for one in observations])
     expected, _ = policy.predict(observations.astype(np.float32), deterministic=True)
@@ -133,6 +134,40 @@ def test_it_plays_the_same_whatever_is_observed_and_whatever_the_actions_are(mod
         np.testing.assert_allclose(moved[:8], motion[:8], atol=1e-5)
         assert found["f1"] == pytest.approx(info["f1"], abs=0.02)
     assert player.num_timesteps == 7
+
+
+def test_it_plays_the_same_where_either_version_of_the_hands_is_observed(model, tmp_path):
+    newest, envs = model.newest(), [hands(), hands(hands_version=2)]
+    assert newest.newest() is newest
+    motions = [
+        play(env, SightReader(env, network))[2] for env in envs for network in (model, newest)
+    ]
+    for motion in motions[1:]:
+        np.testing.assert_allclose(motion, motions[0], atol=1e-6)
+    policy = policy_of(HandsTD3Policy, envs[1])
+    made = HandModel.of(policy, envs[1])
+    made.save(tmp_path / "hand.safetensors")
+    assert HandModel.load(tmp_path).facts.observation_version == 2
+    assert made.facts.blocks == newest.facts.blocks
+    a, b = (play(env, SightReader(env, made))[2] for env in envs)
+    np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+@pytest.mark.parametrize("newest", [False, True])
+def test_its_weights_are_a_beginning_for_either_version_of_the_hands(model, newest, tmp_path):
+    model.save(tmp_path / "hand.safetensors")
+    env = hands(hands_version=2 if newest else 1)
+    learner = TD3(
+        HandsTD3Policy,
+        env,
+        buffer_size=10,
+        policy_kwargs={"activation_fn": torch.nn.SiLU, "net_arch": {"pi": [32, 16], "qf": [8]}},
+    )
+    HandWeightsCallback(str(tmp_path)).init_callback(learner)
+    assert HandModel.of(learner.policy, env).tensors.keys() == model.tensors.keys()
+    observation, _ = env.reset(seed=0)
+    expected, _ = SightReader(env, model).predict(observation)
+    np.testing.assert_allclose(learner.predict(observation)[0], expected, atol=1e-5)
 
 
 def test_it_plays_several_environments_and_one_piece_after_the_other(model):

@@ -166,3 +166,33 @@ def test_a_hand_leaps_from_the_last_note_before_and_from_none_earlier():
     places = ((0, 0, 1, 5), (1, 1, 6, 9), (20, 0, 10, 30))
     presses = [Press(WHITE[MIDDLE + at], finger, *states) for at, finger, *states in places]
     assert [one.leaps for one in time_presses(presses, 1)] == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("leave_early", "down", "last"),
+    [
+        (0, (0, 40), 18),  # the leap itself takes two of the 20 states
+        (3, (0, 40), 15),
+        (3, (16, 40), 16),  # in step 16 the pedal goes down, and the key comes up
+        (3, (17, 20), 17),  # it lifts as the note ends
+        (3, (0, 19), 18),  # it lifts before
+        (30, (0, 40), 1),
+    ],
+)
+def test_a_finger_leaves_a_note_early_as_far_as_the_pedal_holds_it(leave_early, down, last):
+    presses = [Press(WHITE[MIDDLE], 2, 1, 20), Press(WHITE[MIDDLE + 2], 2, 21, 40)]
+    pedal = [down[0] <= step < down[1] for step in range(40)]
+    first, second = time_presses(presses, 1, leave_early=leave_early, pedal=pedal)
+    assert (first.first, first.last) == (1, last)
+    assert (second.first, second.last) == (21, 40)
+
+
+@given(hand_presses(), st.lists(st.booleans(), min_size=250, max_size=250), st.integers(1, 9))
+def test_what_is_left_early_sounds_on(presses, pedal, leave_early):
+    timed = time_presses(presses, 1)
+    for one, left in zip(
+        timed, time_presses(presses, 1, leave_early=leave_early, pedal=pedal), strict=True
+    ):
+        assert one.press.first <= left.first <= left.last <= one.last
+        assert left.last >= one.last - leave_early
+        assert all(pedal[left.last : one.last])

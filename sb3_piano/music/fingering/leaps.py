@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 from sb3_piano.hands import HandSpec, find_hand
 from sb3_piano.music.fingering.robot import (
@@ -40,6 +41,8 @@ def time_presses(
     stretch: float = 0.0,
     hurry: int = 0,
     robot: HandSpec | None = None,
+    leave_early: int = 0,
+    pedal: Sequence[bool] = (),
 ) -> tuple[TimedPress, ...]:
     """Shorten the presses of a hand at its leaps.
 
@@ -57,10 +60,15 @@ def time_presses(
             at a time are so near to the ones before, no note is shortened.
         hurry: Control steps by which leaps are shorter than :func:`lost_to_leap`.
         robot: The hand; by default the default hand.
+        leave_early: Control steps by which a leap begins earlier, as far as the pedal holds the
+            note from then on to its end.
+        pedal: Whether the pedal is down in each control step.
     """
     robot = robot or find_hand()
     timed = [TimedPress(press, press.first, press.last) for press in presses]
     places = [hand_place(press.key, press.finger, sign) for press in presses]
+    # Steps that the pedal has been down at each state, without a lift.
+    down = list(accumulate(pedal, lambda steps, is_down: (steps + 1) * is_down, initial=0))
     leaps: list[tuple[int, int, float]] = []
     moving = set()  # first states of presses to which the hand leaps
     for later, earlier in _neighbours(presses):
@@ -81,6 +89,9 @@ def time_presses(
             lost = max(lost - hurry, 0)
             early = min(lost, before.last - before.first)
             late = min(lost - early, after.last - after.first)
+            if leave_early:
+                most = min(down[before.last], before.last - timed[earlier].first)
+                early = max(early, min(lost + leave_early, most))
             first = max(timed[later].first, after.first + late)
             last = min(timed[earlier].last, before.last - early)
             timed[later] = replace(timed[later], leapt=True, first=first)

@@ -1,11 +1,15 @@
 """Generated music: valid, the same for the same seed, and for two hands of five fingers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import generate_score
 from sb3_piano.lab.music.generation import STYLES
+from sb3_piano.lab.music.generation.frame import MAJOR, Frame, Tone
+from sb3_piano.lab.music.generation.loudness import shaped
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK
 from sb3_piano.music.fingering import apply_fingering, without_fingers
@@ -84,6 +88,49 @@ def test_the_same_seed_gives_the_same_music_and_another_one_other_music():
         generate_score(random, 5.0, "albert")
     with pytest.raises(ConfigError, match="duration is 0.0: expected a finite number above 0"):
         generate_score(random, 0.0)
+
+
+def test_a_phrase_rises_and_falls_its_beats_are_marked_and_its_highest_voice_leads():
+    frame = Frame(
+        random=np.random.default_rng(0),
+        habits=0,
+        tonic=0,
+        scale=MAJOR,
+        bar=4.0,
+        beat=1.0,
+        bars=2,
+        chords=((0, 3),),
+        register={"right": 72.0, "left": 48.0},
+    )
+    rows = (  # start, length, pitch, own accent; beat + rise of 9 (4 x (1 - x) - 2 / 3) - voicing
+        (0.0, 4.0, 72, 0.0, 4 - 6),
+        (0.0, 1.0, 48, 0.0, 4 - 6 - 12),
+        (1.0, 1.0, 52, 0.0, 2 - 2.0625 - 12),
+        (1.5, 1.0, 76, 0.0, -0.5156),
+        (4.0, 1.0, 50, 0.0, 4 + 3),  # the middle; the melody has ended
+        (6.0, 1.0, 50, 8.0, 8 + 0.75),
+    )
+    tones = [
+        Tone(start=start, length=length, pitch=pitch, hand="right", accent=accent)
+        for start, length, pitch, accent, _ in rows
+    ]
+    found = shaped(tones, frame, arch=9.0, voicing=12.0)
+    np.testing.assert_allclose([t.accent for t in found], [row[-1] for row in rows], atol=1e-4)
+    assert [replace(t, accent=0.0) for t in found] == [replace(t, accent=0.0) for t in tones]
+
+
+def test_the_highest_voice_is_louder_by_10_to_15_velocities():
+    leads = []
+    for style in STYLES:
+        notes = generated(style, 0).notes
+        onset, offset, pitch, loud = np.array(
+            [(n.onset, n.offset, n.pitch, n.velocity) for n in notes]
+        ).T
+        together = (onset <= onset[:, None] + 0.02) & (offset > onset[:, None] + 0.02)
+        below = (together & (pitch > pitch[:, None])).any(axis=1)
+        if below.any():
+            leads.append(loud[~below].mean() - loud[below].mean())
+    assert 10 < np.mean(leads) < 15
 
 
 @pytest.mark.slow

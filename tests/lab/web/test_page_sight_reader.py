@@ -11,8 +11,7 @@ from node_programs import WEB, RefusedInputError
 from page_parts import PARITY_PIECES
 from yaml_rows import Tables
 
-from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.hand_encoding import HANDS_VERSION
+from sb3_piano.envs import PianoEnv, PianoEnvConfig
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.web.reading_facts import reading_facts
 from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
@@ -132,13 +131,13 @@ def test_velocities_are_cut(reader, folder, tmp_path):
 
 def test_the_page_observes_what_python_does_by_its_version():
     text = (WEB / "src" / "players" / "hand_encoding.ts").read_text("utf-8")
-    assert f"export const HANDS_VERSION = {HANDS_VERSION};" in text
+    assert f"export const HANDS_VERSION = {PianoEnvConfig().hands_version};" in text
 
 
 @pytest.mark.slow
 def test_a_network_for_another_observation_is_refused(reader, folder, tmp_path):
     model, file = HandModel.load(SHIPPED), tmp_path / "roll.safetensors"
-    later = dataclasses.replace(model.facts, observation_version=HANDS_VERSION + 1)
+    later = dataclasses.replace(model.facts, observation_version=2)
     other = shutil.copytree(folder, tmp_path / "other")
     HandModel(model.tensors, later).save(other / SHIPPED.name)
     safetensors.numpy.save_file(roll_arrays(PianoEnv(EDGES, **PLANNED_IN).goal.fingered_roll), file)

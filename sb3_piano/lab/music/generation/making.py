@@ -16,6 +16,7 @@ from sb3_piano.lab.music.generation.frame import (
     Tone,
     progression,
 )
+from sb3_piano.lab.music.generation.loudness import shaped
 from sb3_piano.lab.music.generation.styles import LEAPING, NEAR, PEDALLED, STYLES
 from sb3_piano.lab.music.generation.timing import (
     Clock,
@@ -76,7 +77,8 @@ def generate_score(
         written = plan.phrase(letter, phrases)
         if count == 0:
             tempo = min(tempo, fastest_tempo(written))
-        tones += [replace(tone, start=tone.start + count * length) for tone in written]
+        shape = shaped(written, plan.frame, plan.touch.arch, plan.touch.voicing)
+        tones += [replace(tone, start=tone.start + count * length) for tone in shape]
         count += 1
     clock = draw_clock(random, tempo)
     notes = perform(tones, clock, plan.touch, random)
@@ -145,7 +147,7 @@ class _Plan:
             frame=frame,
             per_bar=per_bar,
             seventh=seventh,
-            touch=draw_touch(random),
+            touch=draw_touch(random, frame.habit()),
             pedalled=bool(random.random() < (0.7 if style in PEDALLED else 0.15)),
         )
 

@@ -67,8 +67,12 @@ class Touch:
 
     lengths: Mapping[Hand, float]
     """Held share of a note's written length, by hand."""
-    volumes: Mapping[Hand, float]
-    """MIDI velocity of each hand."""
+    volume: float
+    """MIDI velocity of the melody, on average."""
+    arch: float
+    """Velocities by which the middle of a phrase is louder than its ends."""
+    voicing: float
+    """Velocities by which the melody is louder than the tones below it."""
     jitter: float
     """Standard deviation of the onsets, s."""
     lifts: bool
@@ -81,8 +85,8 @@ def draw_clock(random: np.random.Generator, tempo: float) -> Clock:
     return Clock(quarter=60 / tempo, rubato=rubato, phase=float(random.uniform(0, 2 * np.pi)))
 
 
-def draw_touch(random: np.random.Generator) -> Touch:
-    """Draw the touch of a performance."""
+def draw_touch(random: np.random.Generator, habit: np.random.Generator) -> Touch:
+    """Draw the touch of a performance; its phrases' shape is a habit."""
     kinds = (
         lambda: random.uniform(0.3, 0.6),
         lambda: random.uniform(0.7, 0.95),
@@ -91,10 +95,12 @@ def draw_touch(random: np.random.Generator) -> Touch:
     )
     first = int(random.choice(4, p=(0.08, 0.27, 0.5, 0.15)))
     second = int(random.choice(4, p=(0.12, 0.3, 0.45, 0.13))) if random.random() < 0.4 else first
-    loud = float(random.uniform(55, 95))
+    volume = float(random.uniform(55, 95))
     return Touch(
         lengths={"right": float(kinds[first]()), "left": float(kinds[second]())},
-        volumes={"right": loud, "left": loud - float(random.uniform(-3, 18))},
+        volume=volume,
+        voicing=float(random.uniform(10, 15)),
+        arch=float(habit.uniform(6, 16)),
         jitter=float(random.uniform(0.003, 0.012)) if random.random() < 0.3 else 0.0,
         lifts=bool(random.random() < 0.92),
     )
@@ -133,7 +139,7 @@ def perform(
         offset = clock.seconds(end) + own
         if touch.lengths[tone.hand] > 1:
             offset += min((touch.lengths[tone.hand] - 1) * tone.length * clock.quarter, 0.06)
-        velocity = touch.volumes[tone.hand] + tone.accent + random.normal(0, 3)
+        velocity = touch.volume + tone.accent + random.normal(0, 3)
         notes.append(
             Note(
                 onset=max(onset, 0.0),

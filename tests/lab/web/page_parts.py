@@ -14,7 +14,7 @@ from sb3_piano.music import load_score
 WEB = Path(__file__).parents[3] / "web"
 
 BROKEN_CHORD, MELODY = "arpeggio-CMajor", "debug-TwinkleTwinkleLittleStar"
-"""Short pieces that the page of the tests has; the melody is better played, and so the first."""
+"""Short pieces that the page of the tests has."""
 
 LISTEN = "repertoire-OdeToJoy"
 """Piece of whose beginning there are takes without and with dynamics and pedal."""
@@ -39,6 +39,7 @@ class Built:
         self.one_file = folder / "piano.html"
         catalogue = json.loads((folder / "assets" / "catalogue.json").read_text("utf-8"))
         self.pieces = {piece["id"]: piece for piece in catalogue["pieces"]}
+        self.first = catalogue["pieces"][0]
 
 
 def build_page(folder: Path) -> Built:

@@ -52,7 +52,9 @@ async function exported(folder) {
       cause: error,
     });
   }
-  const pieces = catalogue.pieces.flatMap(({ midi, score, plan, recording }) => [midi, score, plan, recording]);
+  const pieces = catalogue.pieces
+    .flatMap((piece) => [piece, ...(piece.versions ?? [])])
+    .flatMap(({ midi, score, plan, recording }) => [midi, score, plan, recording]);
   const names = [...SCENE, NETWORK, ...pieces.filter((name) => name !== undefined)];
   return new Map(await Promise.all(names.map(async (name) => [name, await readFile(join(folder, name))])));
 }

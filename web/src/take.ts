@@ -1,7 +1,9 @@
 /** Takes: performances with their motion, in the file that Python's `Take.write` makes. */
 
 import { unzip } from "./archive";
-import { CONTROL_TIMESTEP, InputError, MIN_PITCH, NUM_KEYS, type Piece } from "./types";
+import { floorSteps } from "./music/roll";
+import { makeScore } from "./music/score";
+import { CONTROL_TIMESTEP, InputError, MIN_PITCH, NUM_KEYS, type Note, type Piece, type Score } from "./types";
 
 const FORMAT = 1;
 
@@ -31,12 +33,21 @@ interface Header {
   };
 }
 
+/** The piece of a take as its file has it. */
+interface WrittenScore {
+  readonly title: string;
+  readonly notes: readonly (Omit<Note, "hand"> & { readonly hand: "right" | "left" | null })[];
+  readonly pedals: Score["pedals"];
+}
+
 /** A performance of T control steps by simulated hands. */
 export interface Take {
   readonly title: string;
   readonly player: string;
   readonly steps: number;
   readonly roll: Piece["roll"];
+  /** The piece, and when it begins, s; null in older takes. */
+  readonly written: { readonly score: Score; readonly lead: number } | null;
   readonly scene: Header["scene_options"];
   /** (T, n) actions, the pedal's last. */
   readonly actions: Table;
@@ -68,11 +79,13 @@ export async function readTake(bytes: Uint8Array, name: string): Promise<Take> {
     const onset = table("roll_onset").data.slice(0, steps * NUM_KEYS) as Uint8Array;
     const times = table("roll_onset_time").data;
     const struck = [...onset.keys()].filter((place) => onset[place] === 1);
+    const written = files.has("score.npy") ? writtenIn(table("score"), table("roll_active").shape[0]) : null;
     return {
       title: header.title,
       player: header.player,
       steps,
       scene,
+      written,
       roll: {
         controlTimestep: time,
         steps,
@@ -104,7 +117,8 @@ export async function readTake(bytes: Uint8Array, name: string): Promise<Take> {
 
 /** The piece of a take: what was due while it lasted. */
 export function pieceOfTake(id: string, take: Take): Piece {
-  const { roll, title } = take;
+  const { roll, title, written } = take;
+  if (written !== null) return { id, ...written, roll, warnings: [] };
   const step = roll.controlTimestep;
   const notes = roll.strikes.map((strike) => {
     const { key, time } = strike;
@@ -115,7 +129,16 @@ export function pieceOfTake(id: string, take: Take): Piece {
     return { pitch: key + MIN_PITCH, onset: time, offset: end * step, velocity: 80, finger, hand: null };
   });
   const duration = notes.reduce((last, note) => Math.max(last, note.offset), 0);
-  return { id, score: { title, notes, pedals: [], duration }, roll, warnings: [] };
+  return { id, score: { title, notes, pedals: [], duration }, roll, warnings: [], lead: null };
+}
+
+/** The score in a file, and when it begins in a roll of so many control steps, s. */
+function writtenIn({ data }: Table, steps: number): Take["written"] {
+  const { title, notes, pedals } = JSON.parse(new TextDecoder().decode(data as Uint8Array)) as WrittenScore;
+  const sides = { right: 0, left: 1 } as const;
+  const known = notes.map((note) => ({ ...note, hand: note.hand === null ? null : sides[note.hand] }));
+  const score = makeScore(known, pedals, title);
+  return { score, lead: (steps - 1 - floorSteps(score.duration, CONTROL_TIMESTEP)) * CONTROL_TIMESTEP };
 }
 
 /** Read an array of NumPy: its magic, a header in Python's syntax, then the numbers. */

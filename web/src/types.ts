@@ -66,6 +66,8 @@ export interface Piece {
   readonly roll: PianoRoll;
   /** Notes that are not played as written, in words, for the reader. */
   readonly warnings: readonly string[];
+  /** When the score begins in the episode, s; null if its notes are only those of the roll. */
+  readonly lead: number | null;
 }
 
 /** Bad input: one clear message that names the value, what was expected and what to do. */
@@ -153,6 +155,8 @@ export interface CataloguePiece {
   readonly recording?: string;
   /** Who plays on the recording. */
   readonly recorder?: string;
+  /** Takes of its beginning, to be compared by ear. */
+  readonly versions?: readonly CataloguePiece[];
   /** What Python measured, by player. */
   readonly expected: Readonly<Partial<Record<PlayerId, Pick<Metrics, "f1" | "onset_f1" | "onset_recall">>>>;
 }

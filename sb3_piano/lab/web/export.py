@@ -69,15 +69,16 @@ def export_web(
 
     Existing files are replaced. ``catalogue.json`` lists the pieces' files and is written last, so
     an interrupted export has none. The recording of a piece is the best performance of it by onset
-    F1. The runs and further takes come first in the catalogue, then the pieces in the order of the
-    sight-reader's onset F1, exercises last.
+    F1; takes of its beginning are its versions, between which the page switches. The runs and
+    further takes come first in the catalogue, then the pieces in the order of the sight-reader's
+    onset F1, exercises last.
 
     Args:
         folder: Output folder; created if missing.
         pieces: Entries of :func:`~sb3_piano.music.selection.select_pieces`.
         tree: Settings of a tree search, as a further candidate for the recordings.
         takes: Files of takes, or folders of them. Those of one of the pieces are candidates for its
-            recording; each of the others is a piece of its own.
+            recording, or its versions; each of the others is a piece of its own.
         runs: Folders of runs, each of which plays its own piece once, for a recording.
         progress: Called before each performance, and at the end.
 
@@ -107,9 +108,12 @@ def export_web(
             ahead = [] if tree is None else [sight_read(score, tree)]
         own = [take for take in given if _are_equal(take.piano.roll, planned.piano.roll)]
         given = [take for take in given if take not in own]
+        begun = [take for take in given if _begins(take, planned)]
+        given = [take for take in given if take not in begun]
         recorded = max([read, planned, *ahead, *own], key=lambda take: take.onset_f1)
         performances = {"planned": planned, SIGHT_READER: read, "recorded": recorded}
-        listed.append(_write_piece(path, name, source, score, fingered, plan, performances))
+        entry = _write_piece(path, name, source, score, fingered, plan, performances)
+        listed.append(entry | _write_versions(path, entry, begun))
     listed.sort(key=_place)
     for done, run in enumerate(runs, start=2 * len(listed)):
         progress(os.fspath(run), done, total)
@@ -248,20 +252,39 @@ def _write_piece(
 
 def _write_own(path: Path, take: Take, taken: set[str]) -> dict[str, Any]:
     """Write a take as a piece of its own, and return its entry; its name joins ``taken``."""
-    base = _safe(f"{take.title}-{_named_player(take.player)}")
+    player = _named_player(take.player)
+    entry = _write_take(path, take, f"{take.title}-{player}", taken)
+    return {**entry, "title": take.title, "composer": player, "recorder": player}
+
+
+def _write_versions(path: Path, entry: dict[str, Any], takes: list[Take]) -> dict[str, Any]:
+    """Write takes of a piece's beginning, by name; return what the piece's entry has of them."""
+    versions, taken = [], set[str]()
+    about = {name: entry[name] for name in ("title", "composer")}
+    for version, take in sorted(((_version(take), take) for take in takes), key=lambda one: one[0]):
+        written = _write_take(path, take, f"{entry['id']}-{version}", taken)
+        versions.append({**written, **about, "recorder": version})
+    return {"versions": versions} if versions else {}
+
+
+def _version(take: Take) -> str:
+    """Return what tells a take from others of the same notes: names in order of their sound."""
+    if take.player.startswith("planned:dynamics="):
+        name = "With dynamics"
+    else:
+        name = "Flat" if take.player == "planned" else _named_player(take.player)
+    return f"{name} and pedal" if take.env.get("options", {}).get("pedal") == "auto" else name
+
+
+def _write_take(path: Path, take: Take, base: str, taken: set[str]) -> dict[str, Any]:
+    """Write a take; return identifier, file and figures. The identifier joins ``taken``."""
+    base = _safe(base)
     names = itertools.chain([base], (f"{base}-{i}" for i in itertools.count(2)))
     name = next(name for name in names if name not in taken)
     taken.add(name)
     file = f"{_PIECES}/{name}{SUFFIX}"
     write_small(take, path / file)
-    return {
-        "id": name,
-        "title": take.title,
-        "composer": _named_player(take.player),
-        "recording": file,
-        "recorder": _named_player(take.player),
-        "expected": {"recorded": _measured(take)},
-    }
+    return {"id": name, "recording": file, "expected": {"recorded": _measured(take)}}
 
 
 def _named_player(player: str) -> str:
@@ -285,6 +308,13 @@ def _place(entry: dict[str, Any]) -> tuple[bool, float]:
 
 def _are_equal(one: PianoRoll, other: PianoRoll) -> bool:
     return np.array_equal(one.active, other.active) and np.array_equal(one.onset, other.onset)
+
+
+def _begins(take: Take, whole: Take) -> bool:
+    """Return whether a take has the same notes to strike as the beginning of another."""
+    steps = len(take.piano.roll) - 1
+    shares = take.piano.roll.onset[:steps], whole.piano.roll.onset[:steps]
+    return take.title == whole.title and np.array_equal(*shares)
 
 
 def _write_table(path: Path, table: dict[str, Any]) -> None:

@@ -9,11 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.lab.web import export_web
+from sb3_piano.music import load_score
 
 WEB = Path(__file__).parents[3] / "web"
 
 BROKEN_CHORD, MELODY = "arpeggio-CMajor", "debug-TwinkleTwinkleLittleStar"
-"""Short pieces that the page of the tests has; the melody is better played, and so the first."""
+"""Short pieces that the page of the tests has."""
+
+LISTEN = "repertoire-OdeToJoy"
+"""Piece of whose beginning there are takes without and with dynamics and pedal."""
 
 PARITY_PIECES = [
     *("repertoire-FantaisieImpromptu", "repertoire-MapleLeafRag", "repertoire-ClairDeLune"),
@@ -35,11 +39,14 @@ class Built:
         self.one_file = folder / "piano.html"
         catalogue = json.loads((folder / "assets" / "catalogue.json").read_text("utf-8"))
         self.pieces = {piece["id"]: piece for piece in catalogue["pieces"]}
+        self.first = catalogue["pieces"][0]
 
 
 def build_page(folder: Path) -> Built:
-    """Export two pieces and build the page of them."""
-    export_web(folder / "exported", [BROKEN_CHORD, MELODY])
+    """Export three pieces and build the page of them."""
+    takes = sorted((WEB / "recordings").glob("ode_to_joy_*.npz"))
+    longer = load_score(LISTEN).trim_silence().excerpt(0.0, 11.0)
+    export_web(folder / "exported", [BROKEN_CHORD, MELODY, longer], takes=takes)
     options = ["--assets", str(folder / "exported"), "--out", str(folder / "dist")]
     subprocess.run(["node", "build.mjs", *options], cwd=WEB, check=True, capture_output=True)
     return Built(folder / "dist")

@@ -130,12 +130,20 @@ def test_the_recording_of_a_piece_is_its_best_take_and_others_come_first(exporte
     replace(own, player="worse", metrics={**own.metrics, "onset_f1": 0.0}).write(tmp_path / "w.npz")
     other = sight_read(score_of((0, 0.4, 60), title="another"))
     other.write(tmp_path / "other.npz")
+    begun = replace(sight_read(SHORT.excerpt(0, 0.7)), player="planned")
+    begun.write(tmp_path / "a.npz")
+    env = {"options": {"pedal": "auto"}}
+    replace(begun, player="planned:dynamics=1", env=env).write(tmp_path / "b.npz")
     pieces = json.loads(export_web(folder, [SHORT], takes=[tmp_path]).read_text())["pieces"]
     assert [(one["id"], one["recorder"]) for one in pieces] == [
         ("another-Sight-reader", "Sight-reader"),
         ("A_broken_chord", "best"),
     ]
     assert "score" not in pieces[0]
+    assert [(one["id"], one["recorder"]) for one in pieces[1]["versions"]] == [
+        ("A_broken_chord-Flat", "Flat"),
+        ("A_broken_chord-With_dynamics_and_pedal", "With dynamics and pedal"),
+    ]
     found, played = Take.read(folder / pieces[0]["recording"]), other.motion
     np.testing.assert_allclose(found.qpos, played.qpos, atol=1e-4)
     assert found.score == other.score

@@ -24,8 +24,9 @@ from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.lab.music import generate_score
 from sb3_piano.lab.web.export import score_table
 from sb3_piano.metrics import Onsets, frame_scores, onset_scores
+from sb3_piano.metrics.musicianship import musicianship
 from sb3_piano.music import PianoRoll, Score, load_score, write_midi
-from sb3_piano.music.dynamics import velocity_of
+from sb3_piano.music.dynamics import speed_of, velocity_of
 from sb3_piano.music.fingering import apply_fingering, finger_score, without_fingers
 from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, MAX_INTERVAL, cost_tables
 from sb3_piano.music.fingering.problems import summary, unheld
@@ -326,6 +327,59 @@ class TestMetrics:
             found = music("metrics", score=score, controlTimestep=TIMESTEP, played=played)
             hits.append(found[-1]["onset_f1"])
         assert hits == [1.0, 0.0, 1.0, 0.0]
+
+
+class TestMusicianship:
+    @pytest.mark.parametrize("lead", [0.0, 0.5])
+    @pytest.mark.parametrize("share", [0.4, 1])
+    @pytest.mark.parametrize("seed", range(3))
+    def test_it_is_pythons(self, music, seed, share, lead):
+        random = np.random.default_rng(seed)
+        due = louder_and_softer(crowded(seed, labels=seed % 2 == 0), random)
+        steps = round((share * due.duration + lead) / TIMESTEP)
+        played, events = struck_late(due, lead, steps * TIMESTEP, random)
+        found = music(
+            "musicianship", score=due, controlTimestep=TIMESTEP,
+            initialBufferTime=lead, events=events, steps=steps,
+        )  # fmt: skip
+        begun = due.excerpt(0, steps * TIMESTEP - lead).warp(lambda time: time + lead)
+        expected = musicianship(begun, played)
+        assert found == pytest.approx({name: expected[name] for name in found})
+        assert 0.1 < found["note_velocity_f1"] < 0.9
+
+    def test_equally_loud_notes_and_silence_have_no_loudness(self, music):
+        due = score_of((0, 0.5, 60), (0.5, 1, 62))
+        found = music(
+            "musicianship", score=due, controlTimestep=TIMESTEP,
+            initialBufferTime=0, events=[], steps=20,
+        )  # fmt: skip
+        assert set(found.values()) == {None}
+
+
+def louder_and_softer(score, random):
+    velocities = random.integers(30, 100, len(score.notes)).tolist()
+    notes = [
+        dataclasses.replace(n, velocity=v) for n, v in zip(score.notes, velocities, strict=True)
+    ]
+    return Score(notes=notes, title=score.title)
+
+
+def struck_late(score, lead, end, random):
+    """Return a performance of a score until ``end``, s: the notes, and the keys that move."""
+    of_key = {}
+    for note in score.notes:
+        onset = max(0, note.onset + lead + random.normal(0, 0.03))
+        length = (note.offset - note.onset) * random.uniform(0.6, 1.2)
+        velocity = int(np.clip(0.6 * note.velocity + random.normal(25, 5), 1, 127))
+        before = of_key.setdefault(note.key, [])
+        if onset < end and (not before or onset > before[-1].offset):
+            again = dataclasses.replace(note, onset=onset, offset=min(onset + length, end))
+            before.append(dataclasses.replace(again, velocity=velocity))
+    notes = [note for notes in of_key.values() for note in notes]
+    down = [(n.onset, True, n.key, speed_of(n.velocity, n.key)) for n in notes]
+    up = [(n.offset, False, n.key, 0) for n in notes if n.offset < end]
+    names = ("time", "down", "key", "speed")
+    return Score(notes=notes), [dict(zip(names, one, strict=True)) for one in sorted(down + up)]
 
 
 def assert_read_alike(music, score, folder):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from browser_tab import PHONE
 from file_server import served
-from page_parts import BROKEN_CHORD, MELODY, WEB, PianoTab, build_page
+from page_parts import BROKEN_CHORD, LISTEN, MELODY, WEB, PianoTab, build_page
 from short_scores import save_tune
 from yaml_rows import Tables
 
@@ -15,6 +15,7 @@ import sb3_piano
 from sb3_piano.music import load_score
 from sb3_piano.music.constants import MIN_PITCH
 from sb3_piano.music.formats import read_midi, write_musicxml
+from sb3_piano.take import Take
 
 pytestmark = pytest.mark.slow
 
@@ -92,9 +93,8 @@ def test_one_file_from_a_disk_plays_and_sounds_without_any_request(built, opened
     tab.page.get_by_role("button", name="Play", exact=True).last.click()
     tab.page.wait_for_function("opened.sound().sampled")
     tab.page.keyboard.press("Space")  # what is drawn while it plays takes a processor
-    assert tab.advance(200)["f1"] == pytest.approx(
-        built.pieces[MELODY]["expected"]["sight-reader"]["f1"], abs=0.01
-    )
+    expected = built.first["expected"]["sight-reader"]["f1"]
+    assert tab.advance(tab.steps()[1])["f1"] == pytest.approx(expected, abs=0.01)
 
 
 @pytest.mark.parametrize(("piece", "player"), [(MELODY, "sight-reader"), (BROKEN_CHORD, "planned")])
@@ -113,6 +113,53 @@ def test_the_score_by_itself_is_without_fault_and_others_stay_in_the_table(tab):
     metrics = tab.play_all(BROKEN_CHORD, "score")
     assert (metrics["f1"], metrics["onset_f1"]) == (1.0, 1.0)
     assert [here for here, _ in figures(tab, "sight-reader")] == written(heard)
+
+
+def keep(tab, button, folder):
+    """Save what was played by a button; return the file."""
+    with tab.page.expect_download() as download:
+        tab.page.locator(button).click()
+    path = folder / download.value.suggested_filename
+    download.value.save_as(path)
+    return path
+
+
+def level(path):
+    """Return the root mean square of a sound."""
+    with wave.open(str(path)) as sound:
+        samples = np.frombuffer(sound.readframes(sound.getnframes()), dtype="<i2")
+    return np.sqrt(np.mean(np.square(samples, dtype=float)))
+
+
+def test_the_same_ten_seconds_are_heard_flat_with_dynamics_and_with_pedal(built, tab, tmp_path):
+    switch = tab.page.get_by_role("group", name="Listen to its beginning")
+    assert not switch.is_visible()
+    tab.load(LISTEN, "recorded")
+    tab.page.evaluate("opened.seek(3)")
+    tab.page.locator("#musicianship summary").click()
+    heard = []
+    for version in built.pieces[LISTEN]["versions"]:
+        switch.get_by_label(version["recorder"], exact=True).check()
+        tab.page.wait_for_function("name => location.hash.includes(name)", arg=version["id"])
+        tab.page.wait_for_function("opened.steps().played === 60")  # where it was before
+        tab.advance(tab.steps()[1])
+        found = tab.page.evaluate("opened.musicianship()")
+        take = Take.read(built.folder / "assets" / version["recording"])
+        expected = take.musicianship()
+        assert found == pytest.approx({name: expected[name] for name in found}, nan_ok=True)
+        assert f"{abs(found['velocity_correlation']):.3f}" in tab.text("#musicianship")
+        pedals = read_midi(keep(tab, "#save-midi", tmp_path)).pedals
+        loud = level(keep(tab, "#save-wav", tmp_path))
+        heard.append((version["recorder"], found["velocity_correlation"], len(pedals) > 0, loud))
+        tab.page.evaluate("opened.seek(3)")
+    names, correlations, pedals, levels = zip(*heard, strict=True)
+    assert names == ("Flat", "With dynamics", "With dynamics and pedal")
+    assert correlations[0] < 0 < 0.9 < correlations[1] == pytest.approx(correlations[2])
+    assert pedals == (False, False, True)
+    assert levels[1] > 1.1 * levels[0]  # by the melody
+    switch.get_by_label("The whole piece").check()
+    tab.page.wait_for_function("document.getElementById('seek').max > 11")
+    assert tab.page.locator("#piece").input_value() == LISTEN
 
 
 def drop(tab, name, file):
@@ -148,33 +195,16 @@ def test_a_link_holds_a_small_file_and_what_was_played_is_kept(dropped, address,
     assert (tab.text("#title"), tab.steps()) == ("three <b>", (0, 39))
     assert tab.page.locator("#save-midi").is_disabled()
     tab.advance(39)
-    kept = {}
-
-    def keep(button):
-        with tab.page.expect_download() as download:
-            tab.page.locator(button).click()
-        kept[button] = tmp_path / download.value.suggested_filename
-        download.value.save_as(kept[button])
-        return kept[button]
-
-    def level():
-        with wave.open(str(keep("#save-wav"))) as sound:
-            samples = np.frombuffer(sound.readframes(sound.getnframes()), dtype="<i2")
-        return np.sqrt(np.mean(np.square(samples, dtype=float)))
-
-    keep("#save-midi")
-    as_struck = level()
+    midi, sound = (keep(tab, button, tmp_path) for button in ("#save-midi", "#save-wav"))
+    as_struck = level(sound)
     tab.page.locator("#dynamics").uncheck()
-    assert level() != pytest.approx(as_struck, rel=0.05)
+    assert level(keep(tab, "#save-wav", tmp_path)) != pytest.approx(as_struck, rel=0.05)
     tab.page.locator("#dynamics").check()
-    assert level() == pytest.approx(as_struck, rel=0.02)
-    assert [path.name for path in kept.values()] == [
-        "three b - sight-reader.mid",
-        "three b - sight-reader.wav",
-    ]
-    score = read_midi(kept["#save-midi"])
+    assert level(keep(tab, "#save-wav", tmp_path)) == pytest.approx(as_struck, rel=0.02)
+    assert (midi.name, sound.name) == ("three b - sight-reader.mid", "three b - sight-reader.wav")
+    score = read_midi(midi)
     assert {60, 62, 64} >= {note.pitch for note in score.notes} > set()
-    with wave.open(str(kept["#save-wav"])) as sound:
+    with wave.open(str(sound)) as sound:
         assert sound.getnframes() / sound.getframerate() == pytest.approx(39 * 0.05 + 1.5, abs=0.01)
         assert any(sound.readframes(44_100))
     damaged = opened(f"{address}#name=a.mid&file=H4sI")
@@ -385,10 +415,10 @@ def test_a_permalink_is_followed_and_kept_up_to_date(tab):
     assert state() == (BROKEN_CHORD, "1", "score", "stage")
 
 
-def test_a_link_to_a_piece_that_is_not_here_leads_to_the_first_one(address, opened):
+def test_a_link_to_a_piece_that_is_not_here_leads_to_the_first_one(built, address, opened):
     tab = opened(f"{address}#piece=gone")
     assert "no piece 'gone'" in tab.page.get_by_role("alert").inner_text()
-    assert tab.page.locator("#piece").input_value() == MELODY
+    assert tab.page.locator("#piece").input_value() == built.first["id"]
     tab.advance(1)
     assert tab.page.evaluate(FIND, "any key")  # there is a picture
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ LATENCY = 3
 # How far a joint may be from where it is in Python, rad: contacts are solved to 1e-8 only, where
 # builds that differ in the last bit may stop an iteration apart.
 SAME = 1e-4
+BY_STEP = ("key_active", "sustain", "press_finger")
 PALM = "rh_shadow_hand/rh_palm"
 
 
@@ -122,6 +124,27 @@ def test_keys_sound_and_cease_at_the_times_of_python(play, folder, scores, is_si
     np.testing.assert_allclose(up, releases, atol=1e-9)
     sounding = np.reshape(episode["played"], (-1, 88)).astype(bool)
     np.testing.assert_array_equal(sounding, performance.key_active)
+
+
+@pytest.mark.parametrize(("piece", "steps"), [(EASY, 50), (EASY, None), (HARD, None)])
+def test_a_musician_reads_the_numbers_of_python(play, folder, piece, steps):
+    (episode,) = play(piece, "recorded", **({} if steps is None else {"steps": steps}))
+    expected = until(recording(folder, piece).piano, steps).musicianship()
+    found = episode["musicianship"]
+    assert len(found) == 10
+    for name, value in found.items():
+        assert value == (None if np.isnan(expected[name]) else pytest.approx(expected[name])), name
+
+
+def until(performance, steps):
+    """Return the first control steps of a performance, or all."""
+    if steps is None:
+        return performance
+    begun = performance.presses.first < steps
+    cut = {name: getattr(performance, name)[:steps] for name in BY_STEP}
+    cut |= {name: getattr(performance, name)[begun] for name in ("strike_time", "strike_speed")}
+    end = steps * performance.roll.control_timestep
+    return replace(performance, release_time=performance.release_time[begun].clip(None, end), **cut)
 
 
 def test_late_actions_are_those_of_before(play, folder, scores):

@@ -25,5 +25,5 @@ export function pieceOf(id: string, score: Score & { readonly warnings?: readonl
   const roll = releaseEarly(rollOf(played, CONTROL_TIMESTEP, INITIAL_BUFFER_TIME));
   const problems = unheld(roll);
   const told = problems.length > 0 ? [summary(problems, CONTROL_TIMESTEP)] : [];
-  return { id, score: played, roll, warnings: [...(score.warnings ?? []), ...told] };
+  return { id, score: played, roll, warnings: [...(score.warnings ?? []), ...told], lead: INITIAL_BUFFER_TIME };
 }

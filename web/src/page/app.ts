@@ -7,11 +7,13 @@ import { clock, describe, figures, percent } from "./captions";
 import { Downloads } from "./downloads";
 import type { Elements } from "./elements";
 import { Judgement } from "./judgement";
+import { MusicianshipRows } from "./musicianship_rows";
 import { OWN_FILE, type Chosen, type Library } from "./library";
 import { readLink, writeLink } from "./permalink";
 import { Playback } from "./playback";
 import { PLAYERS, hindrance } from "./players";
 import { Scoreboard } from "./scoreboard";
+import { Versions } from "./versions";
 import type { Visitor } from "./visitor";
 
 /** What makes a session of a piece and a player, and what draws and sounds it. */
@@ -53,13 +55,15 @@ export class App {
   private judgement: Judgement | null = null;
   private readonly scoreboard: Scoreboard;
   private readonly downloads: Downloads;
+  private readonly musicianship: MusicianshipRows;
+  private readonly versions: Versions;
   /** Number of the last search for a place, and whether it goes on playing there. */
   private seeks = 0;
   /** Number of the search that goes on, if there is one: nothing is drawn meanwhile. */
   private seeking: number | null = null;
   private goesOn = false;
   /** Keys that have moved since the beginning. */
-  private events: KeyEvent[] = [];
+  events: KeyEvent[] = [];
   private drawUntil = 0;
   private changed = false;
   private loading: Promise<void> = Promise.resolve();
@@ -70,6 +74,9 @@ export class App {
   constructor(private readonly parts: Parts) {
     this.scoreboard = new Scoreboard(parts.elements.players, (player) => void this.choosePlayer(player));
     this.downloads = new Downloads(parts.elements, parts.sound, () => this.events, (text) => this.say(text));
+    const { musicianship, musicianshipFigures } = parts.elements;
+    this.musicianship = new MusicianshipRows(musicianship, musicianshipFigures, () => this.showFigures());
+    this.versions = new Versions(parts.elements.versions, (id) => void this.chooseVersion(id));
     this.fillMenu();
   }
 
@@ -103,6 +110,14 @@ export class App {
   /** Choose a piece of the catalogue. */
   async choosePiece(id: string): Promise<void> {
     await this.report(() => this.load(() => this.parts.library.piece(id)));
+  }
+
+  /** Choose another version of the piece that is on, and go on where it is. */
+  async chooseVersion(id: string): Promise<void> {
+    const [place, plays] = [this.playback?.shown ?? 0, this.playback?.playing ?? false];
+    await this.choosePiece(id);
+    await this.seek(place);
+    if (plays) await this.toggle();
   }
 
   /** Choose a file; a take is played as it was. */
@@ -424,6 +439,7 @@ export class App {
     elements.f1.textContent = metrics === null ? "–" : metrics.f1.toFixed(3);
     elements.onsetF1.textContent = metrics === null ? "–" : metrics.onset_f1.toFixed(3);
     if (metrics !== null) this.scoreboard.record(this.player, metrics);
+    this.musicianship.show(metrics === null ? null : session, this.events);
     this.wake();
   }
 
@@ -453,7 +469,9 @@ export class App {
     if (this.chosen === null) return;
     const own = this.chosen.entry === null;
     if (own) piece.prepend(new Option(titleOf(this.chosen), OWN_FILE));
-    piece.value = this.chosen.piece.id;
+    const whole = this.parts.library.whole(this.chosen.piece.id);
+    piece.value = whole?.id ?? OWN_FILE;
+    this.versions.show(whole, this.chosen.piece.id);
     this.scoreboard.choose(this.player);
   }
 

@@ -40,9 +40,14 @@ export class Library {
     return new Library(assets, await assets.json<Catalogue>("catalogue.json"));
   }
 
-  /** @throws InputError If the catalogue has no such piece. */
+  /** The piece of which a piece is a version, or itself. */
+  whole(id: string): CataloguePiece | null {
+    return this.catalogue.pieces.find((piece) => versionsOf(piece).some((one) => one.id === id)) ?? null;
+  }
+
+  /** @throws InputError If the catalogue has no such piece or version. */
   async piece(id: string): Promise<Chosen> {
-    const entry = this.catalogue.pieces.find((piece) => piece.id === id);
+    const entry = this.catalogue.pieces.flatMap(versionsOf).find((piece) => piece.id === id);
     if (entry === undefined) {
       throw new InputError(`There is no piece '${id}' on this page: choose one from the list, or open a file.`);
     }
@@ -89,6 +94,11 @@ export class Library {
     }
     return this.file(bytes, name);
   }
+}
+
+/** A piece of the catalogue, and takes of its beginning. */
+export function versionsOf(piece: CataloguePiece): readonly CataloguePiece[] {
+  return [piece, ...(piece.versions ?? [])];
 }
 
 /** Bytes as letters that an address may have. */

@@ -52,8 +52,8 @@ export class Scoreboard {
   showPiece({ entry, take }: Chosen): void {
     for (const [id, row] of this.rows) {
       const reason = hindrance(id, { entry, take });
-      const recorder = id === "recorded" ? (take?.player || entry?.recorder) : undefined;
-      row.about.textContent = recorder ?? PLAYERS[id].about;
+      const recorder = id === "recorded" ? (entry?.recorder ?? take?.player) : undefined;
+      row.about.textContent = recorder || PLAYERS[id].about;
       row.radio.disabled = reason !== null;
       row.label.title = reason ?? "";
       const expected = entry?.expected[id];

@@ -1,3 +1,4 @@
+import { musicianship, type Musicianship } from "../music/musicianship";
 import type { Assets, Metrics, PlayerId, Session } from "../types";
 import { paintLegend } from "../view/legend";
 import { qualityFor } from "../view/quality";
@@ -26,6 +27,8 @@ export interface PianoPage {
   /** Play so many control steps, or fewer if the piece ends. */
   advance(steps: number): Promise<Metrics>;
   metrics(): Metrics;
+  /** Loudness, chords, timing and legato so far; null where the score is not known. */
+  musicianship(): Musicianship | null;
   /** Control steps played, and those of the piece. */
   steps(): { played: number; total: number };
   /** Take up a message of a MIDI keyboard. */
@@ -133,6 +136,7 @@ function pageOf(app: App, library: Library, sound: PianoSound, visitor: Visitor)
       return session().metrics();
     },
     metrics: () => session().metrics(),
+    musicianship: () => musicianship(session().piece, app.events, session().stepsPlayed),
     steps: () => ({ played: session().stepsPlayed, total: session().piece.roll.steps }),
     midi: (message) => hear(Uint8Array.from(message), visitor),
     sounding: () => [...session().state.sounding.entries()].filter(([, on]) => on === 1).map(([key]) => key),

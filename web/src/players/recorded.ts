@@ -1,9 +1,11 @@
 import type { Simulation } from "../simulation/simulation";
 import type { Take } from "../take";
 import { InputError, NUM_KEYS, type KeyEvent, type Piece } from "../types";
+import { speedOf } from "../music/dynamics";
 import { runsOf } from "../music/runs";
 import { ActionMap } from "./actions";
 import type { Placed, Player } from "./player";
+import { VELOCITY } from "./score_player";
 
 /**
  * A recorded performance: hands and keys are put where they were, control step by control step.
@@ -92,7 +94,7 @@ function eventsOf(take: Take): KeyEvent[][] {
   const events: KeyEvent[][] = Array.from({ length: take.steps }, () => []);
   runsOf(take.sounding, take.steps).forEach(({ key, first, end }, i) => {
     const speed = take.strikeSpeed[i];
-    events[first].push({ key, down: true, time: take.strikeTime[i], speed: Number.isNaN(speed) ? 1 : speed });
+    events[first].push({ key, down: true, time: take.strikeTime[i], speed: Number.isNaN(speed) ? speedOf(VELOCITY, key) : speed });
     if (end < take.steps) events[end].push({ key, down: false, time: take.releaseTime[i], speed: 0 });
   });
   return events;

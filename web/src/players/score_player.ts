@@ -4,8 +4,8 @@ import { NUM_KEYS, type KeyEvent, type Piece, type PianoRoll } from "../types";
 import type { Placed, Player } from "./player";
 import { restingControls } from "./visitor";
 
-/** Loudness of a key that nothing strikes. */
-const VELOCITY = 80;
+/** Loudness of a key that nothing strikes, or at a speed that is not known. */
+export const VELOCITY = 80;
 
 /** The piece itself: keys go down exactly as it is written, while the hands rest. */
 export class ScorePlayer implements Player {

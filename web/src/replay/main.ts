@@ -35,6 +35,7 @@ async function recordingOf(assets: EmbeddedAssets): Promise<Recording> {
       strikes: [],
     },
     warnings: [],
+    lead: null,
   };
   return {
     bodyNames: facts.bodyNames,

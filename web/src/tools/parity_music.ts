@@ -2,12 +2,13 @@
 
 import { createInterface } from "node:readline";
 import { isArchive, unzip } from "../archive";
-import { InputError, NUM_KEYS, type Metrics, type Score } from "../types";
+import { InputError, NUM_KEYS, type KeyEvent, type Metrics, type Score } from "../types";
 import { speedOf, velocityOf } from "../music/dynamics";
 import { applyFingering, fingerScore } from "../music/fingering/apply";
 import { CostTables } from "../music/fingering/cost";
 import { releaseEarly } from "../music/fingering/robot";
 import { EpisodeMetrics } from "../music/metrics";
+import { musicianship } from "../music/musicianship";
 import { readMidi } from "../music/midi";
 import { handOfName } from "../music/midi_hands";
 import { documentOf, readMusicXml } from "../music/musicxml";
@@ -27,6 +28,9 @@ interface Request {
   readonly initialBufferTime: number;
   readonly speeds: readonly number[];
   readonly velocities: readonly number[];
+  /** Keys that moved in so many control steps. */
+  readonly events: readonly KeyEvent[];
+  readonly steps: number;
   /** For each control step that was played the keys that sounded at its end, and those that went down in it. */
   readonly played: readonly { readonly keys: readonly number[]; readonly strikes: readonly Strike[] }[];
 }
@@ -59,6 +63,11 @@ const ANSWERS: Readonly<Record<string, (request: Request) => unknown>> = {
     return { ...piece, roll: plain(piece.roll) };
   },
   metrics: (request) => metricsOf(request),
+  musicianship: (request) => {
+    const { controlTimestep, initialBufferTime: lead, events, steps } = request;
+    const score = scoreOf(request);
+    return musicianship({ id: "", score, roll: rollOf(score, controlTimestep), warnings: [], lead }, events, steps);
+  },
 };
 
 /** The metrics after each control step. */

@@ -61,7 +61,7 @@ async function play(assets: Assets, roll: PianoRoll): Promise<number[][]> {
   const simulation = await loadSimulation(assets);
   const reader = await SightReader.load(assets, simulation);
   const score = { title: "", notes: [], pedals: [], duration: 0 };
-  reader.prepare({ id: "", score, roll, warnings: [] });
+  reader.prepare({ id: "", score, roll, warnings: [], lead: null });
   const played = Array.from({ length: roll.steps }, (_, step) => {
     simulation.advance(reader.controls(step));
     return Array.from({ length: NUM_KEYS }, (_, key) => key).filter((key) => simulation.sounding[key]);

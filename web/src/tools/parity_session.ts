@@ -5,9 +5,10 @@
 
 import { createInterface } from "node:readline";
 
+import { musicianship } from "../music/musicianship";
 import { pieceOf } from "../music/piece";
 import { Sessions } from "../players/session";
-import { InputError, type Catalogue, type PlayerId, type Score, type Session } from "../types";
+import { InputError, type Catalogue, type KeyEvent, type PlayerId, type Score, type Session } from "../types";
 import { FolderAssets } from "./folder_assets";
 
 /** What a visitor does before a control step. */
@@ -65,7 +66,7 @@ async function play({ folder, piece: id, player, steps, times = 1, noise, latenc
 }
 
 function episode(session: Session, { simulation }: Sessions, steps: number, touches: readonly Touch[]) {
-  const events = [];
+  const events: KeyEvent[] = [];
   const qpos = [];
   for (let step = 0; step < steps; step++) {
     for (const touch of touches.filter((one) => one.step === step)) {
@@ -78,6 +79,7 @@ function episode(session: Session, { simulation }: Sessions, steps: number, touc
   const { state } = session;
   return {
     metrics: session.metrics(),
+    musicianship: musicianship(session.piece, events, session.stepsPlayed),
     events,
     qpos,
     played: [...session.played()],

@@ -19,7 +19,7 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 2_576,
+    "base": 2_577,
     "batch": 2_418,
     "buffers": 654,
     "callbacks": 2_894,
@@ -30,7 +30,7 @@ LINES = {
     "hyperparams": 39,
     "interop": 236,
     "jobs": 729,
-    "lab": 7_662,
+    "lab": 7_692,
     "metrics": 1_416,
     "music": 9_087,
     "pipelines": 1_009,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_715, "modules": 337, "names": 226},
-    "lab": {"lines": 7_662, "modules": 57, "names": 23},
-    "tests": {"lines": 40_577},
+    "core": {"lines": 50_716, "modules": 337, "names": 226},
+    "lab": {"lines": 7_692, "modules": 57, "names": 23},
+    "tests": {"lines": 40_699},
 }
 
 

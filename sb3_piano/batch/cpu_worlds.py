@@ -103,9 +103,7 @@ class CpuWorlds(Worlds):
         self._batch.step(nstep=self.n_substeps, stage=self._stage)
         before, self._warned = self._warned, self._warnings.sum(axis=1)
         self.may_be_lost = not np.array_equal(before, self._warned)
-        self.lost = (
-            torch.from_numpy(self._warned > before) if self.may_be_lost else self._none_lost
-        )
+        self.lost = torch.from_numpy(self._warned > before) if self.may_be_lost else self._none_lost
 
     @functools.cached_property
     def geom_xmat(self) -> Tensor:

@@ -15,6 +15,7 @@ rounds in turn.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import importlib
 import multiprocessing
@@ -74,6 +75,22 @@ def music_of(env: PianoEnv, worlds: int, steps: int) -> list[np.ndarray]:
 
 def on_cpu(physics: str, worlds: int, arguments: argparse.Namespace) -> str:
     """Return how bare physics, the batch and vectors of single environments compare."""
+    took: dict[str, list[float]] = {}
+    with contextlib.ExitStack() as stack:
+        runs = runs_on_cpu(physics, worlds, arguments, stack)
+        for _ in range(arguments.rounds):
+            for name, run in runs.items():
+                took.setdefault(name, []).append(seconds(run, processor_time))
+    rate = worlds * arguments.steps / np.median(took["bare"])
+    ratios = {name: np.median(np.divide(times, took["bare"])) for name, times in took.items()}
+    others = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items() if name != "bare")
+    return f"bare {rate:.0f}/s; times of bare: {others}"
+
+
+def runs_on_cpu(
+    physics: str, worlds: int, arguments: argparse.Namespace, stack: contextlib.ExitStack
+) -> dict[str, Callable[[], None]]:
+    """Return the ways to play the same actions; the stack closes their processes."""
     options = {"physics": physics, "observation": "fingers"}
     env = PianoEnv(PIECE, **options)
     made = importlib.import_module("mujoco.batch").Batch(env.model, worlds, 1, True)
@@ -104,17 +121,10 @@ def on_cpu(physics: str, worlds: int, arguments: argparse.Namespace) -> str:
             venv.step(action)
 
     runs = {"bare": bare, "batch": tensors}
-    runs |= {name: functools.partial(vector, venv) for name, venv in vectors.items()}
-    took: dict[str, list[float]] = {name: [] for name in runs}
-    for _ in range(arguments.rounds):
-        for name, run in runs.items():
-            took[name].append(seconds(run, processor_time))
-    for venv in vectors.values():
-        venv.close()
-    rate = worlds * len(actions) / np.median(took.pop("bare"))
-    ratios = {name: np.median(times) * rate / worlds / len(actions) for name, times in took.items()}
-    others = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
-    return f"bare {rate:.0f}/s; times of bare: {others}"
+    for name, venv in vectors.items():
+        stack.callback(venv.close)
+        runs[name] = functools.partial(vector, venv)
+    return runs
 
 
 def processor_time() -> float:

@@ -108,7 +108,8 @@ def opened(python: str) -> Iterator[Callable[..., tuple[float, float]]]:
     )
 
     def ask(*line: Any) -> tuple[float, float]:
-        assert process.stdin is not None and process.stdout is not None
+        assert process.stdin is not None
+        assert process.stdout is not None
         print(*line, file=process.stdin, flush=True)
         processor, wall = map(float, process.stdout.readline().split())
         return processor, wall

@@ -65,7 +65,7 @@ class CpuWorlds(Worlds):
         self.actuator_velocity = self._view("actuator_velocity")
         self._ctrl = self._batch.bind("ctrl")
         self._warnings = self._batch.warning[:, _BROKEN, 1]  # counts
-        self._warned, self._none_lost = self._warnings.sum(axis=1), self.lost
+        self._warned, self._none = self._warnings.sum(axis=1), self.lost
         # For each key: two numbers, the sample times, the angles at these.
         history = torch.from_numpy(self._batch.bind("history"))
         self._noted = history.view(count, len(scene.key_qpos), -1)[:, :, -n_substeps:][:, :, 1:]
@@ -103,7 +103,7 @@ class CpuWorlds(Worlds):
         self._batch.step(nstep=self.n_substeps, stage=self._stage)
         before, self._warned = self._warned, self._warnings.sum(axis=1)
         self.may_be_lost = not np.array_equal(before, self._warned)
-        self.lost = torch.from_numpy(self._warned > before) if self.may_be_lost else self._none_lost
+        self.lost = torch.from_numpy(self._warned > before) if self.may_be_lost else self._none
 
     @functools.cached_property
     def geom_xmat(self) -> Tensor:
@@ -132,11 +132,11 @@ class CpuWorlds(Worlds):
     def forearms_touch(self) -> Tensor:
         """Return in which worlds forearms touch; see :meth:`Worlds.forearms_touch`."""
         if len(self.scene.sides) < 2:
-            return self._none_lost
+            return self._none
         places = self._places[:, self._first_forearms, 1]
         near = np.abs(places[:, 0] - places[:, 1]) <= self.scene.forearm_reach
         if not near.any():
-            return self._none_lost
+            return self._none
         ids = np.flatnonzero(near)  # only these can touch
         self._arm_qpos[ids] = self._all_qpos[ids[:, None], self._arm_joints]
         self._arms.forward(ids, stage=mujoco.mjtStage.mjSTAGE_POS.value)

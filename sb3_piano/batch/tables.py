@@ -48,10 +48,8 @@ class Pieces:
         """(R, d) keys of ``due``, and the weight of each in their mean; 0 for unused entries."""
         self.target_sustain = own["target_sustain"]
         """(R,) whether the pedal should be down."""
-        self.key, self.finger, self.labelled = own["key"], own["finger"], own["labelled"]
-        """(R, k) due keys with a labelled finger, their fingers, and whether each entry is used."""
-        self.share = own["share"]
-        """(R, k) weight of each of them in their mean; 0 for unused entries."""
+        self.key, self.finger, self.share = own["key"], own["finger"], own["share"]
+        """(R, k) due keys with a labelled finger, their fingers, weights in their mean likewise."""
         self.hand = own["hand"]
         """(R, 88) hand labelled for each key, -1 if none."""
         self.known = self._stacked(tables, rows)
@@ -115,7 +113,6 @@ def _music(goal: Goal) -> Arrays:
     # Due keys first: a stable sort of whether each key is not due.
     counts = asked.active.sum(axis=1)
     due_key = np.argsort(~asked.active, axis=1, kind="stable")[:, : max(int(counts.max()), 1)]
-    labelled = pairs[..., 0] >= 0
     return {
         "due": asked.active,
         "due_key": due_key,
@@ -125,8 +122,7 @@ def _music(goal: Goal) -> Arrays:
         "target_sustain": goal.roll.sustain,
         "key": np.maximum(pairs[..., 0], 0),
         "finger": np.maximum(pairs[..., 1], 0),
-        "labelled": labelled,
-        "share": _shares(labelled),
+        "share": _shares(pairs[..., 0] >= 0),
         "hand": np.where(asked.finger >= 0, asked.finger // 5, -1).astype(np.int8),
     }
 

@@ -152,6 +152,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._terms = {name: term.value for name, term in self.config.terms.items()}
         self._pedal_threshold = pedal_threshold()
         self._renderer: HumanRenderer | PerformanceRenderer | None = None
+        self._late: list[tuple[npt.NDArray[np.float64], float]] = []
         self.latency = 0
         """Control steps by which actions come late, from the next reset; the hands rest first."""
         self._build(ALL_KEYS)

@@ -164,7 +164,8 @@ def _known_parameters(network: Any) -> Iterator[None]:
 @contextlib.contextmanager
 def _foreach_polyak(model: BaseAlgorithm) -> Iterator[None]:
     """Move all weights of the target networks at once, to the same numbers as SB3's function."""
-    names = getattr(type(model).train, "__globals__", {})
+    train: Any = getattr(type(model), "train", None)
+    names = getattr(train, "__globals__", {})
     stock = names.get("polyak_update")
     if stock is None:
         yield

@@ -1,26 +1,36 @@
 """Control steps a second of many pianos at once, by backend and number of worlds.
 
     python benchmarks/batch.py
+    python benchmarks/batch.py --music
     python benchmarks/batch.py --backend warp --worlds 64 512 2048 4096 8192
 
-Each row plays smooth random actions on the C major scale: bare physics, and the whole task
-(actions, observations, rewards, metrics). On MuJoCo's threads bare physics is ``mujoco.batch``,
-told the same, without our code. There one thread is used, times are the processor's, medians of
-rounds in turn, and the single environment is one that plays the same.
+Each row plays the C major scale: bare physics, and the whole task (actions, observations, rewards,
+metrics). Actions wander about the resting place, where hands collide; with ``--music`` they are
+those of the planned pianist, with some noise. On MuJoCo's threads bare physics is ``mujoco.batch``
+with the same controls, without our code. Beside it are the batch and the vector environments
+``threads`` and ``processes``, all with one thread or process and by processor time, medians of
+rounds in turn.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import functools
 import importlib
+import multiprocessing
+import os
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import torch
 
 from sb3_piano.batch import BatchedPiano
 from sb3_piano.envs import PianoEnv
+from sb3_piano.players import make_player
+from sb3_piano.vec_env import ProcessVecEnv, ThreadVecEnv
 
 PIECE = "debug-CMajorScaleTwoHands"
 
@@ -33,6 +43,7 @@ def main() -> None:
     parser.add_argument("--worlds", nargs="+", type=int, default=[1, 8, 32, 64])
     parser.add_argument("--steps", type=int, default=60)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--music", action="store_true", help="play the piece (backend cpu)")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     for physics in arguments.physics:
@@ -50,15 +61,48 @@ def actions_of(worlds: int, steps: int, size: int) -> list[np.ndarray]:
     return actions
 
 
+def music_of(env: PianoEnv, worlds: int, steps: int) -> list[np.ndarray]:
+    """Return (worlds, size) actions of the planned pianist from the start, with noise of 0.02."""
+    random, played = np.random.default_rng(0), []
+    player, observation = make_player("planned", env), env.reset(seed=0)[0]
+    for _ in range(steps):
+        action = player.predict(observation)[0]
+        noise = random.normal(0, 0.02, (worlds, len(action)))
+        played.append(np.clip(action + noise, -1, 1).astype(np.float32))
+        observation = env.step(action)[0]
+    return played
+
+
 def on_cpu(physics: str, worlds: int, arguments: argparse.Namespace) -> str:
-    """Return how bare physics, the batch and single environments compare."""
+    """Return how bare physics, the batch and vectors of single environments compare."""
+    took: dict[str, list[float]] = {}
+    with contextlib.ExitStack() as stack:
+        runs = runs_on_cpu(physics, worlds, arguments, stack)
+        for _ in range(arguments.rounds):
+            for name, run in runs.items():
+                took.setdefault(name, []).append(seconds(run, processor_time))
+    rate = worlds * arguments.steps / np.median(took["bare"])
+    ratios = {name: np.median(np.divide(times, took["bare"])) for name, times in took.items()}
+    others = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items() if name != "bare")
+    return f"bare {rate:.0f}/s; times of bare: {others}"
+
+
+def runs_on_cpu(
+    physics: str, worlds: int, arguments: argparse.Namespace, stack: contextlib.ExitStack
+) -> dict[str, Callable[[], None]]:
+    """Return the ways to play the same actions; the stack closes their processes."""
     options = {"physics": physics, "observation": "fingers"}
-    batch = BatchedPiano(worlds, PIECE, n_threads=1, **options)
     env = PianoEnv(PIECE, **options)
     made = importlib.import_module("mujoco.batch").Batch(env.model, worlds, 1, True)
-    actions = actions_of(worlds, arguments.steps, batch.action_space.shape[0])
+    if arguments.music:
+        actions = music_of(env, worlds, arguments.steps)
+    else:
+        actions = actions_of(worlds, arguments.steps, len(env.rest_action))
     told = env.action_map
     controls = [told.middle + told.half_range * action[:, :-1] for action in actions]
+    makers = [functools.partial(PianoEnv, PIECE, **options)] * worlds
+    batch = BatchedPiano(worlds, PIECE, n_threads=1, **options)
+    vectors = {"threads": ThreadVecEnv(makers, 1), "processes": ProcessVecEnv(makers, 1)}
 
     def bare() -> None:
         made.reset()
@@ -66,27 +110,30 @@ def on_cpu(physics: str, worlds: int, arguments: argparse.Namespace) -> str:
             made.bind("ctrl")[:] = control
             made.step(nstep=env.config.n_substeps)
 
-    def whole() -> None:
+    def tensors() -> None:
         batch.reset()
         for action in actions:
             batch.step(torch.from_numpy(action))
 
-    def singly() -> None:
-        env.reset()
+    def vector(venv: Any) -> None:
+        venv.reset()
         for action in actions:
-            env.step(action[0])
+            venv.step(action)
 
-    took = {run: [] for run in (bare, whole, singly)}
-    for _ in range(arguments.rounds):
-        for run, times in took.items():
-            times.append(seconds(run, time.process_time))
-    steps = {bare: worlds, whole: worlds, singly: 1}
-    rates = {run: steps[run] * len(actions) / np.median(times) for run, times in took.items()}
-    ratio = np.median(np.divide(took[whole], took[bare]))
-    return (
-        f"bare {rates[bare]:.0f}/s, whole {rates[whole]:.0f}/s ({ratio:.3f} of bare), "
-        f"single environment {rates[singly]:.0f}/s"
-    )
+    runs = {"bare": bare, "batch": tensors}
+    for name, venv in vectors.items():
+        stack.callback(venv.close)
+        runs[name] = functools.partial(vector, venv)
+    return runs
+
+
+def processor_time() -> float:
+    """Return the processor time of this process and of its running children, s."""
+    ticks = 0
+    for child in multiprocessing.active_children():
+        with open(f"/proc/{child.pid}/stat") as file:
+            ticks += sum(map(int, file.read().rpartition(")")[2].split()[11:13]))
+    return time.process_time() + ticks / os.sysconf("SC_CLK_TCK")
 
 
 def on_warp(physics: str, worlds: int, arguments: argparse.Namespace) -> str:

@@ -1,45 +1,33 @@
-"""Updates a second of small networks: stock Stable-Baselines3, ours, and SBX if it is installed.
+"""Updates a second of small networks: stock Stable-Baselines3, ours, and SBX.
 
     python benchmarks/updates.py --batch-size 128 1024 --device cuda
+    python benchmarks/updates.py --algo SAC TD3 TQC --sbx-python sbx/bin/python
 
 Networks of the debug presets' size (130 observations, 39 actions, two layers of 256) learn from
-random transitions. Times are the processor's on a CPU, of rounds in turn, and the wall's on a GPU.
+random transitions, all on one core. Times are the processor's on a CPU, of rounds in turn, and the
+wall's on a GPU.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
-import time
-from collections.abc import Iterator
+import os
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
+import sb3_contrib
 import stable_baselines3
 import torch
-from gymnasium import spaces
+from updates_peer import made, seconds
 
 from sb3_piano.policies import fast_updates
 from sb3_piano.policies.batched_critics import batched_critics
 
-
-class Noise(gym.Env[Any, Any]):
-    """Random observations of the size of the piano's "fingers"."""
-
-    observation_space = spaces.Box(-1, 1, (130,))
-    action_space = spaces.Box(-1, 1, (39,))
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode."""
-        super().reset(seed=seed)
-        return self.observation_space.sample(), {}
-
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Return another observation."""
-        del action
-        return self.observation_space.sample(), 0.0, False, False, {}
+ONE_THREAD = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 
 
 @contextlib.contextmanager
@@ -49,54 +37,87 @@ def with_batched_critics(model: Any) -> Iterator[None]:
         yield
 
 
+WAYS: dict[str, Any] = {
+    "stock": contextlib.nullcontext,
+    "fast_updates": fast_updates,
+    "and batched critics": with_batched_critics,
+}
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--algo", choices=["SAC", "TD3"], default="SAC")
+    parser.add_argument("--algo", nargs="+", choices=["SAC", "TD3", "TQC"], default=["SAC"])
     parser.add_argument("--batch-size", nargs="+", type=int, default=[128, 1024])
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--updates", type=int, default=60)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--sbx-python", help="also measure SBX: a Python that has sbx-rl")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    ways: dict[str, tuple[Any, Any]] = {
-        "stock": (stable_baselines3, contextlib.nullcontext),
-        "fast_updates": (stable_baselines3, fast_updates),
-        "and batched critics": (stable_baselines3, with_batched_critics),
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # and that of the other process
+    with contextlib.ExitStack() as stack:
+        ask = None
+        if arguments.sbx_python is not None:
+            ask = stack.enter_context(opened(arguments.sbx_python))
+        for name in arguments.algo:
+            for size in arguments.batch_size:
+                print(
+                    f"{name}, batches of {size}:", compare(name, size, ask, arguments), flush=True
+                )
+
+
+def compare(name: str, size: int, ask: Any, arguments: argparse.Namespace) -> str:
+    """Return the updates a second of each way."""
+    package = sb3_contrib if name == "TQC" else stable_baselines3
+    model = made(getattr(package, name), size, device=arguments.device)
+    ways: dict[str, Callable[[], tuple[float, float]]] = {
+        way: (lambda change=change: turn(model, change, size, arguments))  # type: ignore[misc]
+        for way, change in WAYS.items()
     }
-    with contextlib.suppress(ImportError):
-        ways["SBX"] = (importlib.import_module("sbx"), contextlib.nullcontext)
-    for size in arguments.batch_size:
-        rates: dict[str, list[float]] = {name: [] for name in ways}
-        models = {name: made(package, arguments, size) for name, (package, _) in ways.items()}
-        for _ in range(arguments.rounds):
-            for name, (_, way) in ways.items():
-                with way(models[name]):
-                    rates[name].append(rate(models[name], size, arguments))
-        middle = {name: np.median(found) for name, found in rates.items()}
-        print(f"batches of {size}:", ", ".join(f"{n} {r:.1f}/s" for n, r in middle.items()))
+    if ask is not None:
+        ways["SBX"] = lambda: ask(name, size, arguments.updates)
+    took: dict[str, list[float]] = {way: [] for way in ways}
+    for _ in range(arguments.rounds):
+        for way, measured in ways.items():
+            took[way].append(measured()[arguments.device != "cpu"])
+    ours = took["fast_updates"]
+    return ", ".join(
+        f"{way} {arguments.updates / np.median(times):.1f}/s "
+        f"({np.median(np.divide(ours, times)):.2f} of ours)"
+        for way, times in took.items()
+    )
 
 
-def made(package: Any, arguments: argparse.Namespace, size: int) -> Any:
-    """Return a model with a filled buffer."""
-    settings: dict[str, Any] = {"batch_size": size, "buffer_size": 20_000, "seed": 0}
-    settings |= {"policy_kwargs": {"net_arch": [256, 256]}, "learning_starts": 10**9}
-    device = {"device": arguments.device} if package is stable_baselines3 else {}
-    model = getattr(package, arguments.algo)("MlpPolicy", Noise(), **settings, **device)
-    model.learn(2_000)
-    return model
+def turn(model: Any, change: Any, size: int, arguments: argparse.Namespace) -> tuple[float, float]:
+    """Return how long updates take, after some to warm up."""
+    with change(model):
+        model.train(3, size)
+        if arguments.device != "cpu":
+            torch.cuda.synchronize()
+        return seconds(model, size, arguments.updates)
 
 
-def rate(model: Any, size: int, arguments: argparse.Namespace) -> float:
-    """Return updates a second, after some to warm up."""
-    on_cpu = arguments.device == "cpu"
-    clock = time.process_time if on_cpu else time.perf_counter
-    model.train(10, size)
-    start = clock()
-    model.train(arguments.updates, size)
-    if not on_cpu:
-        torch.cuda.synchronize()
-    return float(arguments.updates / (clock() - start))
+@contextlib.contextmanager
+def opened(python: str) -> Iterator[Callable[..., tuple[float, float]]]:
+    """Context manager for SBX in a process of its own, with one thread."""
+    command = [python, str(Path(__file__).with_name("updates_peer.py"))]
+    env = {**os.environ, "XLA_FLAGS": ONE_THREAD, "JAX_PLATFORMS": "cpu"}
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=env
+    )
+
+    def ask(*line: Any) -> tuple[float, float]:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        print(*line, file=process.stdin, flush=True)
+        processor, wall = map(float, process.stdout.readline().split())
+        return processor, wall
+
+    try:
+        yield ask
+    finally:
+        process.communicate()
 
 
 if __name__ == "__main__":

@@ -20,12 +20,12 @@ TESTS = Path(__file__).parent
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
     "base": 2_577,
-    "batch": 2_418,
+    "batch": 2_497,
     "buffers": 654,
     "callbacks": 2_894,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_697,
+    "envs": 2_722,
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
@@ -36,14 +36,14 @@ LINES = {
     "pipelines": 1_009,
     "planning": 3_144,
     "players": 2_318,
-    "policies": 1_682,
+    "policies": 1_737,
     "reading": 403,
     "simulation": 898,
     "training": 6_328,
     "tuning": 1_260,
     "vec_env": 480,
     "viewing": 2_583,
-    "wrappers": 2_272,
+    "wrappers": 2_269,
 }
 
 # Work that takes long, in all: jobs, the pipelines that are made of them, and tuning. The design
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_716, "modules": 337, "names": 226},
+    "core": {"lines": 50_872, "modules": 337, "names": 226},
     "lab": {"lines": 7_692, "modules": 57, "names": 23},
-    "tests": {"lines": 40_699},
+    "tests": {"lines": 40_769},
 }
 
 

@@ -6,6 +6,7 @@ import functools
 import importlib
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.settings import Count, checked
 from sb3_piano.simulation import PianoScene
-from sb3_piano.simulation.compiling import assemble_scene, scene_parts
+from sb3_piano.simulation.compiling import assemble_scene, attach_parts, scene_parts
 from sb3_piano.threads import usable_cores
 
 _BROKEN = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
@@ -64,10 +65,12 @@ class CpuWorlds(Worlds):
         self.actuator_velocity = self._view("actuator_velocity")
         self._ctrl = self._batch.bind("ctrl")
         self._warnings = self._batch.warning[:, _BROKEN, 1]  # counts
-        self._data = mujoco.MjData(model)
+        self._warned, self._none = self._warnings.sum(axis=1), self.lost
         # For each key: two numbers, the sample times, the angles at these.
         history = torch.from_numpy(self._batch.bind("history"))
-        self._noted = history.view(count, len(scene.key_qpos), -1)[:, :, -n_substeps:]
+        self._noted = history.view(count, len(scene.key_qpos), -1)[:, :, -n_substeps:][:, :, 1:]
+        if len(scene.sides) > 1:
+            self._take_forearms(made)
 
     def _view(self, name: str) -> Tensor:
         with warnings.catch_warnings():  # the arrays of MuJoCo's results are read-only
@@ -86,7 +89,8 @@ class CpuWorlds(Worlds):
         if sliders is not None:
             self.qpos[ids[:, None], self.scene.slider_qpos] = sliders[ids, None]
         self._batch.forward(ids, stage=self._stage)
-        self.lost[mask] = False
+        self._warned = self._warnings.sum(axis=1)
+        self.lost = self.lost & ~mask
 
     def set_state(self, qpos: Tensor, qvel: Tensor) -> None:
         """Set the state; see :meth:`Worlds.set_state`."""
@@ -95,10 +99,11 @@ class CpuWorlds(Worlds):
 
     def step(self, controls: Tensor) -> None:
         """Play a control step; see :meth:`Worlds.step`."""
-        before = self._warnings.sum(axis=1)
         self._ctrl[:] = controls.numpy()
         self._batch.step(nstep=self.n_substeps, stage=self._stage)
-        self.lost = torch.from_numpy(self._warnings.sum(axis=1) > before)
+        before, self._warned = self._warned, self._warnings.sum(axis=1)
+        self.may_be_lost = not np.array_equal(before, self._warned)
+        self.lost = torch.from_numpy(self._warned > before) if self.may_be_lost else self._none
 
     @functools.cached_property
     def geom_xmat(self) -> Tensor:
@@ -107,28 +112,62 @@ class CpuWorlds(Worlds):
 
     def contacts(self, world: int) -> list[tuple[str, str]]:
         """Return the kinds of shapes of each contact in a world, such as ("BOX", "CAPSULE")."""
-        self._batch.get_data(world, self._data)
-        kinds = self.scene.model.geom_type[self._data.contact.geom]
+        data = self._batch.get_data(world)
+        kinds = self.scene.model.geom_type[data.contact.geom]
         names = [[mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_") for kind in p] for p in kinds]
         return [(min(pair), max(pair)) for pair in names]
 
-    def key_angles(self, worlds: Tensor | slice) -> Tensor:
+    def key_angles(self) -> Tensor:
         """Return the angles of keys; see :meth:`Worlds.key_angles`."""
         first, last = self.scene.moving_keys.start, self.scene.moving_keys.stop
-        now = self.qpos[worlds, self.scene.key_slice]
-        angles = torch.cat([self._noted[worlds, :, 1:], now[..., None]], -1).transpose(1, 2)
+        now = self.qpos[:, self.scene.key_slice]
+        angles = torch.cat([self._noted, now[..., None]], -1).transpose(1, 2)
         rigid = (first, NUM_KEYS - last)
         return torch.nn.functional.pad(angles, rigid) if any(rigid) else angles
 
+    def angles_within(self, worlds: Tensor, keys: Tensor) -> Tensor:
+        """Return angles of some keys; see :meth:`Worlds.angles_within`."""
+        return self._noted[worlds, keys - self.scene.moving_keys.start]
+
     def forearms_touch(self) -> Tensor:
         """Return in which worlds forearms touch; see :meth:`Worlds.forearms_touch`."""
-        (right, *_), (left, *_) = self.scene.forearm_geoms
-        apart = (self.geom_xpos[:, right, 1] - self.geom_xpos[:, left, 1]).abs()
-        touching = apart <= self.scene.forearm_reach
-        for world in touching.nonzero().flatten().tolist():  # only these can touch
-            self._batch.get_data(world, self._data)
-            touching[world] = self.scene.forearms_touch(self._data)
-        return touching
+        if len(self.scene.sides) < 2:
+            return self._none
+        places = self._places[:, self._first_forearms, 1]
+        near = np.abs(places[:, 0] - places[:, 1]) <= self.scene.forearm_reach
+        if not near.any():
+            return self._none
+        ids = np.flatnonzero(near)  # only these can touch
+        self._arm_qpos[ids] = self._all_qpos[ids[:, None], self._arm_joints]
+        self._arms.forward(ids, stage=mujoco.mjtStage.mjSTAGE_POS.value)
+        return torch.from_numpy(near & (self._arm_contacts > 0))
+
+    def _take_forearms(self, batch: Any) -> None:
+        """Make worlds of both forearms alone, as the contacts of a batch cannot be read.
+
+        Their contacts are the same: the shapes, their places and the routine are.
+        """
+        model = _forearms(self.scene)
+        self._arms = batch(model, self.count, self.n_threads)
+        self._arm_qpos, self._arm_contacts = self._arms.bind("qpos"), self._arms.bind("ncon")
+        names = [model.joint(joint).name for joint in range(model.njnt)]
+        joints = [self.scene.model.joint(name).qposadr[0] for name in names]
+        self._arm_joints = np.array(joints, dtype=np.intp)
+        self._all_qpos, self._places = self._batch.bind("qpos"), self._batch.bind("geom_xpos")
+        self._first_forearms = [geoms[0] for geoms in self.scene.forearm_geoms]
+
+
+def _forearms(scene: PianoScene) -> mujoco.MjModel:
+    """Return a model of both forearms without fingers and keyboard."""
+    world, _, *hands = scene_parts(**scene.options)
+    for hand in hands:
+        for element in (*hand.actuators, *hand.tendons, *hand.excludes, *hand.sensors):
+            hand.delete(element)
+        short, name = scene.hand.short, scene.hand.forearm.body
+        forearm = next(body for body in hand.bodies if short(body.name) == name)
+        for body in forearm.bodies:
+            hand.delete(body)
+    return attach_parts([world, *hands]).compile()
 
 
 def _with_noted_keys(scene: PianoScene, n_substeps: int) -> mujoco.MjModel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -191,6 +192,7 @@ class BatchedPiano:
         """(N,) number of each world's piece."""
         self.steps = torch.zeros(count, dtype=torch.long, device=self.device)
         """(N,) completed control steps of each episode."""
+        self._take_pieces()
         self.terms: dict[str, Tensor] = {}
         """(N,) unweighted reward terms of the last step, by name."""
         self.heard = heard = Heard(worlds)
@@ -249,6 +251,7 @@ class BatchedPiano:
             piece = self._draws[torch.from_numpy(draws)]
         if piece is not None:
             self.piece = torch.where(mask, piece.to(self.device), self.piece)
+            self._take_pieces()
         self.steps = torch.where(mask, 0, self.steps)
         sliders = None
         if self.config.randomize_hand_positions:
@@ -273,8 +276,8 @@ class BatchedPiano:
         """
         if not self._begun:
             raise EnvStateError("No episode is under way: call reset() before step().")
-        heard, step = self.heard, self._step()
-        row = self.pieces.first[self.piece] + step
+        heard, step = self.heard, torch.minimum(self.steps, self._last)
+        row = self._first + step
         heard.pedal, controls = self._controls(self._checked(actions), row)
         if self._varied is not None:
             heard.pedal, controls = self._varied.late(heard.pedal, controls)
@@ -287,36 +290,44 @@ class BatchedPiano:
             worth = 2 * hit.sum(1) - heard.struck.sum(1)
             self.terms["strike"] = worth.to(self.worlds.dtype)
         weighted = torch.stack([self.terms.get(n, self._nothing) for n in self._weights], 1)
-        lost = self.worlds.lost[:, None]  # their values may be NaN
-        weighted = torch.where(lost, 0.0, weighted * self._weight)
+        weighted.mul_(self._weight)
+        lost = self.worlds.lost[:, None] if self.worlds.may_be_lost else None
+        if lost is not None:
+            weighted = torch.where(lost, 0.0, weighted)  # their values may be NaN
         reward = weighted.sum(1)
-        self.sums.add(row, step, weighted)
+        self.sums.add(row, weighted)
         if self._hand_rewards is not None:
             self.hand_rewards = self._hand_rewards.rewards(self.piece, row, step)
-            self.hand_rewards = torch.where(lost, 0.0, self.hand_rewards)
+            if lost is not None:
+                self.hand_rewards = torch.where(lost, 0.0, self.hand_rewards)
             reward = self.hand_rewards.mean(1)
         self.steps = step + 1
-        last = self.steps >= self.pieces.length[self.piece]
-        truncated = last | (self.steps >= self._limit)
+        truncated = self.steps >= self._end
         terminated = self.worlds.lost.clone()
         if self.config.wrong_press_termination:
-            terminated |= (heard.sounding & ~self.pieces.due[row]).any(1) & ~last
+            wrong = (heard.sounding & ~self.pieces.due[row]).any(1)
+            terminated |= wrong & (self.steps <= self._last)
         self.sums.earned += reward
-        observation = torch.where(lost, 0.0, self.observe())
+        observation = self.observe()
+        if lost is not None:
+            observation = torch.where(lost, 0.0, observation)
         return BatchStep(observation, reward, terminated, truncated)
 
     def observe(self) -> Tensor:
         """Return all observations, (N, n) float32; after an episode's end with its last goal."""
-        seen = self._observations.write(self.pieces.first[self.piece] + self._step())
+        step = torch.minimum(self.steps, self._last)  # that of an ended episode
+        seen = self._observations.write(self._first + step)
         return seen if self._varied is None else self._varied.seen(seen)
 
     def summaries(self, worlds: Sequence[int]) -> list[dict[str, float]]:
         """Return the metrics and returns of some worlds' episodes so far."""
         return self.sums.summaries(worlds, self.piece, self.steps)
 
-    def _step(self) -> Tensor:
-        """Return the present control step, (N,), or the last one of an ended episode."""
-        return torch.minimum(self.steps, self.pieces.length[self.piece] - 1)
+    def _take_pieces(self) -> None:
+        """Look up each world's first row, last control step and end, (N,) each."""
+        length = self.pieces.length[self.piece]
+        self._first, self._last = self.pieces.first[self.piece], length - 1
+        self._end = length.clamp(max=self._limit)
 
     def _controls(self, actions: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
         """Return the pedal's commands and the actuators' targets."""
@@ -336,7 +347,7 @@ class BatchedPiano:
                 f"The actions have shape {tuple(actions.shape)}: expected {expected}."
             )
         actions = actions.to(self.worlds.qpos)
-        if not torch.isfinite(actions).all():
+        if not math.isfinite(actions.sum().item()):
             raise InvalidActionError("Some actions are not finite: expected numbers in [-1, 1].")
         return actions
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ from sb3_piano.batch.task import Heard
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs.record import EnvState, EpisodeRecord
 from sb3_piano.metrics.episode import RETURN_PREFIX, normalized_return
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+from sb3_piano.music.constants import NUM_KEYS
 
 
 class Sums:
@@ -33,9 +34,8 @@ class Sums:
         for array in (self.returns, self.earned, self._f1):
             array[mask] = 0.0
 
-    def add(self, row: Tensor, step: Tensor, weighted: Tensor) -> None:
+    def add(self, row: Tensor, weighted: Tensor) -> None:
         """Add a control step, with its (N, n) weighted terms."""
-        del step
         self.returns += weighted
         due, sounding = self._pieces.target[row], self._heard.sounding
         both = due.sum(1) + sounding.sum(1)
@@ -62,48 +62,49 @@ class History(Sums):
     def __init__(self, pieces: Pieces, worlds: Worlds, heard: Heard, terms: Sequence[str]):
         super().__init__(pieces, worlds, heard, terms)
         self._scene, self._n_substeps = worlds.scene, worlds.n_substeps
-        shape = worlds.count, int(pieces.length.max())
-        device = worlds.device
-        self._all = torch.arange(worlds.count, device=device)
-        self._sounding = torch.zeros(*shape, NUM_KEYS, dtype=torch.bool, device=device)
-        self._since = torch.zeros(*shape, NUM_KEYS, dtype=torch.int8, device=device)
-        self._pedal = torch.zeros(*shape, dtype=torch.bool, device=device)
-        self._tips = worlds.qpos.new_zeros(*shape, NUM_FINGERS, 3)
+        # Tensors of all worlds, one entry for each control step since the start of the batch.
+        self._steps: deque[tuple[Tensor, ...]] = deque(maxlen=int(pieces.length.max()))
+        self._count = 0
+        self._start = np.zeros(worlds.count, dtype=int)
 
-    def add(self, row: Tensor, step: Tensor, weighted: Tensor) -> None:
+    def begin(self, mask: Tensor) -> None:
+        """Start the episodes of a mask."""
+        super().begin(mask)
+        self._start[mask.cpu().numpy()] = self._count
+
+    def add(self, row: Tensor, weighted: Tensor) -> None:
         """Record a control step, with its (N, n) weighted terms."""
+        del row
         self.returns += weighted
-        at, heard = (self._all, step), self._heard
-        self._sounding[at], self._since[at] = heard.sounding, heard.since
-        self._pedal[at], self._tips[at] = heard.pedal_down, heard.fingertips
+        heard = self._heard
+        self._steps.append((heard.sounding, heard.since, heard.pedal, heard.fingertips))
+        self._count += 1
 
     def summaries(self, worlds: Sequence[int], piece: Tensor, step: Tensor) -> list[dict]:
         """Return each world's metrics as in the final ``info`` of a single environment."""
-        return [self.record(w, int(piece[w]), int(step[w])).summary() for w in worlds]
+        found = piece.tolist(), step.tolist()
+        return [self.record(world, *(each[world] for each in found)).summary() for world in worlds]
 
     def record(self, world: int, piece: int, steps: int) -> EpisodeRecord:
         """Return the record of a world's episode."""
         goal = self._pieces.goals[piece]
-        sounding, since, pedal, tips, returns = (
-            array.cpu().numpy()
-            for array in (
-                self._sounding[world, :steps],
-                self._since[world, :steps],
-                self._pedal[world, :steps],
-                self._tips[world, :steps].double(),
-                self.returns[world].double(),
-            )
+        first = self._start[world] - (self._count - len(self._steps))
+        rows = [self._steps[row] for row in range(first, first + steps)]
+        sounding, since, pedal, tips = (
+            torch.stack([tensor[world] for tensor in part]).cpu().numpy()
+            for part in zip(*rows, strict=True)
         )
+        pedal_down = pedal >= self._heard.pedal_threshold
         state = EnvState(
             physics=np.empty(0),
             score=goal.source,
             finished=True,
             pedal=0.0,
             key_active=sounding,
-            sustain=pedal,
-            fingertips=tips,
+            sustain=pedal_down,
+            fingertips=tips.astype(float),
             within=self._within(sounding, since),
-            returns=returns,
+            returns=self.returns[world].double().cpu().numpy(),
         )
         record = EpisodeRecord(goal, self._scene)
         record.restore(state)

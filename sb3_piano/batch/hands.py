@@ -100,7 +100,7 @@ class HandRewards:
     def _closeness(self, row: Tensor) -> Tensor:
         """Return how close each hand is to holding its due keys, (N, 2)."""
         pieces, heard = self._pieces, self._heard
-        key, there = pieces.key[row], pieces.labelled[row]
+        key, there = pieces.key[row], pieces.share[row] > 0
         held = closeness(1.0 - heard.key_state.gather(1, key), KEY_TOLERANCE)
         near = self._set.fingering * self._task.near(row)
         hand = pieces.finger[row] // FINGERS_PER_HAND

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from sb3_piano.batch.tables import Pieces
-from sb3_piano.batch.task import Heard, at
+from sb3_piano.batch.task import Heard
 from sb3_piano.batch.worlds import Tensor, Worlds
 from sb3_piano.envs.blocks import Encoding
 from sb3_piano.envs.encodings import DM_PER_M, MOST_WRONG_KEYS, FingerEncoding, RollEncoding
@@ -22,6 +22,7 @@ class Observations(ABC):
     def __init__(self, pieces: Pieces, worlds: Worlds, heard: Heard):
         self._pieces, self._worlds, self._heard = pieces, worlds, heard
         self._known = pieces.known
+        self._each = torch.arange(worlds.count, device=worlds.device)[:, None]
 
     def _index(self, array: Any) -> Tensor:
         return torch.as_tensor(np.asarray(array, dtype=np.int64), device=self._worlds.device)
@@ -80,18 +81,20 @@ class FingerObservations(Observations):
 
     def write(self, row: Tensor) -> Tensor:
         """Return the observations; see :meth:`Observations.write`."""
-        known, heard, worlds = self._known, self._heard, self._worlds
-        observation = known["known"][row]
-        points = at(worlds.geom_xpos, known["key_geom"][row]) + known["press_offset"][row]
-        tips = heard.fingertips.index_select(1, self._fingers)
-        depth = heard.key_state.gather(1, known["key"][row]) * known["has_target"][row]
+        heard, worlds = self._heard, self._worlds
+        known = {name: table.index_select(0, row) for name, table in self._known.items()}
+        observation = known["known"]
+        points = worlds.geom_xpos[self._each, known["key_geom"]] + known["press_offset"]
+        tips = heard.fingertips
+        if tips.shape[1] > len(self._fingers):
+            tips = tips.index_select(1, self._fingers)
         targets = observation[:, self._targets].view(len(row), -1, 8)
-        targets[..., :3] = (points - tips) * known["scale"][row]
-        targets[..., 3] = depth
-        wrong = (heard.sounding & ~self._pieces.due[row]).sum(1).clamp(max=MOST_WRONG_KEYS)
-        observation[:, self._sustain] = heard.pedal[:, None].float()
-        observation[:, self._wrong] = wrong[:, None].float()
-        observation[:, -len(self._joints) :] = worlds.qpos.index_select(1, self._joints).float()
+        targets[..., :3] = points.sub_(tips).mul_(known["scale"])
+        targets[..., 3] = heard.key_state.gather(1, known["key"]).mul_(known["has_target"])
+        wrong = (heard.sounding > self._pieces.due.index_select(0, row)).sum(1)
+        observation[:, self._sustain.start] = heard.pedal
+        observation[:, self._wrong.start] = wrong.clamp_(max=MOST_WRONG_KEYS)
+        observation[:, -len(self._joints) :] = worlds.qpos.index_select(1, self._joints)
         return observation
 
 

@@ -44,10 +44,12 @@ class Pieces:
         own = self._stacked(music, rows)
         self.due, self.sustain, self.target = own["due"], own["sustain"], own["target"]
         """(R, 88), (R,) keys and pedal asked for; (R, 88) keys that the metrics compare."""
+        self.due_key, self.due_share = own["due_key"], own["due_share"]
+        """(R, d) keys of ``due``, and the weight of each in their mean; 0 for unused entries."""
         self.target_sustain = own["target_sustain"]
         """(R,) whether the pedal should be down."""
-        self.key, self.finger, self.labelled = own["key"], own["finger"], own["labelled"]
-        """(R, k) due keys with a labelled finger, their fingers, and whether each entry is used."""
+        self.key, self.finger, self.share = own["key"], own["finger"], own["share"]
+        """(R, k) due keys with a labelled finger, their fingers, weights in their mean likewise."""
         self.hand = own["hand"]
         """(R, 88) hand labelled for each key, -1 if none."""
         self.known = self._stacked(tables, rows)
@@ -108,16 +110,26 @@ def _music(goal: Goal) -> Arrays:
     pairs = np.full((len(steps), most, 2), -1)
     for row, step in zip(pairs, steps, strict=True):
         row[: len(step.labelled)] = np.array(step.labelled).reshape(-1, 2)
+    # Due keys first: a stable sort of whether each key is not due.
+    counts = asked.active.sum(axis=1)
+    due_key = np.argsort(~asked.active, axis=1, kind="stable")[:, : max(int(counts.max()), 1)]
     return {
         "due": asked.active,
+        "due_key": due_key,
+        "due_share": _shares(np.arange(due_key.shape[1]) < counts[:, None]),
         "sustain": asked.sustain,
         "target": goal.roll.active,
         "target_sustain": goal.roll.sustain,
         "key": np.maximum(pairs[..., 0], 0),
         "finger": np.maximum(pairs[..., 1], 0),
-        "labelled": pairs[..., 0] >= 0,
+        "share": _shares(pairs[..., 0] >= 0),
         "hand": np.where(asked.finger >= 0, asked.finger // 5, -1).astype(np.int8),
     }
+
+
+def _shares(there: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """Return weights with which a sum along the last axis is the mean of the entries there."""
+    return there / np.maximum(there.sum(axis=-1, keepdims=True), 1)
 
 
 def _near(

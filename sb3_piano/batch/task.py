@@ -29,34 +29,37 @@ class Heard:
         def tensor(array: object) -> Tensor:
             return torch.as_tensor(np.asarray(array)).to(like)
 
-        self._highest = tensor(scene.key_max_angle)
+        self._lowest, self._highest = like.new_zeros(1), tensor(scene.key_max_angle)
         self.threshold = tensor(scene.key_sounding_angle).expand(worlds.count, -1)
         """(N, 88) angle at and above which each key sounds, rad."""
-        self._press_offset = tensor(scene.key_press_offset)
-        self._press_geom = torch.as_tensor(scene.key_geom, device=like.device)
         self._tip_site = torch.as_tensor(scene.fingertip_site, device=like.device)
         self._fingers = torch.as_tensor(scene.fingers, device=like.device)
         count = worlds.count
         self._far = like.new_full((count, NUM_FINGERS, 3), FAR_AWAY)
-        self._substep = torch.arange(1, worlds.n_substeps + 1, device=like.device)[:, None]
+        self._substep = torch.arange(1, worlds.n_substeps, dtype=torch.int8, device=like.device)
         self.key_state = like.new_zeros(count, NUM_KEYS)
         """(N, 88) key angle divided by its maximum, in [0, 1]."""
         self.sounding = torch.zeros(count, NUM_KEYS, dtype=torch.bool, device=like.device)
         """(N, 88) sounding keys."""
-        self.struck = self.sounding
-        """(N, 88) sounding keys that were silent before the control step."""
+        self._before = self.sounding
         self.since = torch.zeros(count, NUM_KEYS, dtype=torch.int8, device=like.device)
         """(N, 88) physics steps before a changed key reached its final state."""
         self.fingertips = self._far
         """(N, 10, 3) m; fingertips of missing hands are far away."""
         self.pedal = like.new_zeros(count)
         """(N,) pedal commands in [0, 1]."""
-        self._threshold = pedal_threshold()
+        self.pedal_threshold = pedal_threshold()
+        """Command from which on the pedal is down."""
 
     @property
     def pedal_down(self) -> Tensor:
         """(N,) whether the pedal is down."""
-        return self.pedal >= self._threshold
+        return self.pedal >= self.pedal_threshold
+
+    @property
+    def struck(self) -> Tensor:
+        """(N, 88) sounding keys that were silent before the control step."""
+        return self.sounding > self._before
 
     def begin(self, mask: Tensor) -> None:
         """Read the state of worlds at rest whose episodes start."""
@@ -66,36 +69,30 @@ class Heard:
 
     def read(self) -> None:
         """Read the state after a control step."""
-        before = self.sounding
+        self._before = self.sounding
         self._look()
-        changed = self.sounding != before
-        self.struck = self.sounding & changed
-        rows = changed.any(1).nonzero().flatten()
         self.since = torch.zeros_like(self.since)
-        if len(rows):
-            within = self.within(rows)
-            other = (within != within[:, -1:]) * self._substep
-            self.since[rows] = other.amax(1).to(torch.int8)
+        world, key = (self.sounding != self._before).nonzero(as_tuple=True)
+        if len(world) and len(self._substep):
+            angles, threshold = self._worlds.angles_within(world, key), self.threshold[world, key]
+            other = (angles >= threshold[:, None]) != self.sounding[world, key][:, None]
+            self.since[world, key] = (other * self._substep).amax(1)
 
-    def within(self, rows: Tensor | slice = slice(None)) -> Tensor:
-        """Return the sounding keys after each physics step, (n, p, 88), of some worlds."""
-        return self._worlds.key_angles(rows) >= self.threshold[rows][:, None]
+    def within(self) -> Tensor:
+        """Return the sounding keys after each physics step, (N, p, 88)."""
+        return self._worlds.key_angles() >= self.threshold[:, None]
 
     def share(self) -> Tensor:
         """Return the share of the control step after which keys kept their state, (N, 88)."""
         return (self.since.to(self._highest.dtype) + 1) / self._worlds.n_substeps
 
-    def press_points(self, key: Tensor) -> Tensor:
-        """Return press points of keys, (N, k), in world coordinates, (N, k, 3) m."""
-        return at(self._worlds.geom_xpos, self._press_geom[key]) + self._press_offset[key]
-
     def _look(self) -> None:
         scene, worlds = self._scene, self._worlds
-        moving = worlds.qpos[:, scene.key_slice].clamp(min=0)
+        moving = worlds.qpos[:, scene.key_slice]
         if moving.shape[1] < NUM_KEYS:
             first, last = scene.moving_keys.start, scene.moving_keys.stop
             moving = torch.nn.functional.pad(moving, (first, NUM_KEYS - last))
-        angle = torch.minimum(moving, self._highest)
+        angle = moving.clamp(self._lowest, self._highest)
         self.key_state, self.sounding = angle / self._highest, angle >= self.threshold
         if scene.sides:
             tips = worlds.site_xpos.index_select(1, self._tip_site)
@@ -103,17 +100,10 @@ class Heard:
             self.fingertips = tips if everyone else self._far.index_copy(1, self._fingers, tips)
 
 
-def at(rows: Tensor, index: Tensor) -> Tensor:
-    """Gather rows (N, m, 3) at (N, ...) indices of the second axis, (N, ..., 3)."""
-    flat = index.reshape(len(index), -1)
-    found = rows.gather(1, flat[..., None].expand(-1, -1, rows.shape[-1]))
-    return found.view(*index.shape, rows.shape[-1])
-
-
 def closeness(distance: Tensor, bound: float) -> Tensor:
     """Apply :func:`~sb3_piano.envs.rewards.tolerance` to non-negative distances."""
-    outside = (distance - bound).clamp(min=0) / (10 * bound)
-    return torch.pow(0.1, outside * outside)
+    outside = (distance - bound).clamp_(min=0)
+    return outside.mul_(outside).mul_(math.log(0.1) / (10 * bound) ** 2).exp_()
 
 
 def mean_where(values: Tensor, there: Tensor) -> Tensor:
@@ -160,8 +150,13 @@ class Task:
             [goal.fingering_reward == "optimal-transport" for goal in pieces.goals]
         ).to(worlds.device)
         self._kinds = kinds
-        pairs = [(False, True), (False, False), (True, False)]
+        pairs = [(False, False), (False, True), (True, False), (True, True)]
         self._sustain = worlds.qpos.new_tensor([rewards.sustain(*pair) for pair in pairs])
+        self._sustain_row = 2 * pieces.sustain.long()
+        key, like = pieces.key, worlds.qpos
+        self._press_geom = torch.as_tensor(self._scene.key_geom, device=like.device)[key]
+        self._press_offset = torch.as_tensor(self._scene.key_press_offset).to(like)[key]
+        self._each = torch.arange(worlds.count, device=like.device)[:, None]
 
     def terms(self, piece: Tensor, row: Tensor) -> dict[str, Tensor]:
         """Return the unweighted terms by name, (N,) each, except the strikes' term.
@@ -171,20 +166,22 @@ class Task:
             row: (N,) rows of the control step in the tables.
         """
         heard, pieces = self._heard, self._pieces
-        due, sustain = pieces.due[row], pieces.sustain[row]
-        wrong = (heard.sounding & ~due).any(1)
-        held = mean_where(closeness(1.0 - heard.key_state, KEY_TOLERANCE), due)
+        due, pedal_down = pieces.due.index_select(0, row), heard.pedal_down
+        right = (heard.sounding <= due).all(1)
+        depth = heard.key_state.gather(1, pieces.due_key.index_select(0, row))
+        held = closeness(1.0 - depth, KEY_TOLERANCE).mul_(pieces.due_share.index_select(0, row))
+        pedals = self._sustain_row.index_select(0, row) + pedal_down
         common = {
-            "key_press": torch.where(wrong, 0.0, 0.5) + 0.5 * held,
-            "sustain": self._sustain[1 + sustain.long() - heard.pedal_down.long()],
+            "key_press": 0.5 * (held.sum(1) + right),
+            "sustain": self._sustain.index_select(0, pedals),
         }
         if not self._scene.sides:
-            mistakes = (heard.sounding != due).sum(1) + (sustain != heard.pedal_down)
+            mistakes = (heard.sounding != due).sum(1) + (pieces.sustain[row] != pedal_down)
             mistakes = mistakes.to(held.dtype)
             log = mistakes * math.log(1e-6)
             return {"distance": -mistakes.sqrt(), "log_likelihood": log, **common}
         worlds = self._worlds
-        power = (worlds.actuator_force.abs() * worlds.actuator_velocity.abs()).sum(1)
+        power = (worlds.actuator_force * worlds.actuator_velocity).abs_().sum(1)
         fingering = self._fingering(piece, row, due)
         return {**common, "energy": -power, "fingering": fingering, "forearm": self._forearm()}
 
@@ -196,7 +193,7 @@ class Task:
     def _fingering(self, piece: Tensor, row: Tensor, due: Tensor) -> Tensor:
         reward = self._worlds.qpos.new_zeros(self._worlds.count)
         if "labels" in self._kinds:
-            reward = mean_where(self.near(row), self._pieces.labelled[row])
+            reward = (self.near(row) * self._pieces.share.index_select(0, row)).sum(1)
         if "optimal-transport" in self._kinds:
             for world in self._transport[piece].nonzero().flatten().tolist():
                 reward[world] = self._assigned(world, due[world].nonzero().flatten())
@@ -204,9 +201,10 @@ class Task:
 
     def near(self, row: Tensor) -> Tensor:
         """Return how close labelled fingers are to their keys, (N, k) in [0, 1]."""
-        key, finger = self._pieces.key[row], self._pieces.finger[row]
-        way = self._heard.press_points(key) - at(self._heard.fingertips, finger)
-        return closeness(way.square().sum(-1).sqrt(), _FINGER_TOLERANCE)
+        geom, finger = (t.index_select(0, row) for t in (self._press_geom, self._pieces.finger))
+        points = self._worlds.geom_xpos[self._each, geom] + self._press_offset.index_select(0, row)
+        way = points - self._heard.fingertips[self._each, finger]
+        return closeness(torch.linalg.vector_norm(way, dim=-1), _FINGER_TOLERANCE)
 
     def _assigned(self, world: int, keys: Tensor) -> float:
         # One world at a time, as in a single environment: for pieces without fingers.

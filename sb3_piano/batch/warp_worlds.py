@@ -171,9 +171,13 @@ class WarpWorlds(Worlds):
         """(N, ngeom, 9) axes of all shapes."""
         return self._geom_xmat
 
-    def key_angles(self, worlds: Tensor | slice) -> Tensor:
+    def key_angles(self) -> Tensor:
         """Return the angles of keys; see :meth:`Worlds.key_angles`."""
-        return self._angles[worlds]
+        return self._angles
+
+    def angles_within(self, worlds: Tensor, keys: Tensor) -> Tensor:
+        """Return angles of some keys; see :meth:`Worlds.angles_within`."""
+        return self._angles[worlds, :-1, keys]
 
     def forearms_touch(self) -> Tensor:
         """Return the worlds whose forearms touch; see :meth:`Worlds.forearms_touch`."""

@@ -35,6 +35,8 @@ class Worlds(ABC):
         self.scene, self.count, self.n_substeps, self.device = scene, count, n_substeps, device
         self.lost = torch.zeros(count, dtype=torch.bool, device=device)
         """(N,) worlds whose physics broke down in the last control step."""
+        self.may_be_lost = True
+        """Whether any may have; a backend that knows without waiting says so."""
 
         self.fields: dict[str, Tensor] = {}
         """(N, ...) fields of MuJoCo's model of which each world has its own, by name."""
@@ -50,14 +52,23 @@ class Worlds(ABC):
         """(N, ngeom, 9) axes of all shapes; if needed, access it before the first reset."""
 
     @abstractmethod
-    def key_angles(self, worlds: Tensor | slice) -> Tensor:
-        """Return the angles of keys after each physics step of the last control step.
-
-        Args:
-            worlds: Indices of n worlds.
+    def key_angles(self) -> Tensor:
+        """Return the angles of all keys after each physics step of the last control step.
 
         Returns:
-            (n, p, 88), rad; 0 for rigid keys.
+            (N, p, 88), rad; 0 for rigid keys.
+        """
+
+    @abstractmethod
+    def angles_within(self, worlds: Tensor, keys: Tensor) -> Tensor:
+        """Return angles of moving keys after all physics steps of a control step but the last.
+
+        Args:
+            worlds: (n,) indices of worlds.
+            keys: (n,) a key in each of them.
+
+        Returns:
+            (n, p - 1), rad.
         """
 
     @abstractmethod

@@ -152,6 +152,9 @@ class PianoEnv(gym.Env[Any, Any]):
         self._terms = {name: term.value for name, term in self.config.terms.items()}
         self._pedal_threshold = pedal_threshold()
         self._renderer: HumanRenderer | PerformanceRenderer | None = None
+        self._late: list[tuple[npt.NDArray[np.float64], float]] = []
+        self.latency = 0
+        """Control steps by which actions come late, from the next reset; the hands rest first."""
         self._build(ALL_KEYS)
         self._finished = True  # until the first reset
         self._limits: tuple[LimitRef, ...] = ()
@@ -295,7 +298,8 @@ class PianoEnv(gym.Env[Any, Any]):
         """
         if self._finished:
             raise EnvStateError("No episode is under way: call reset() before step().")
-        controls, self._pedal = self.action_map.controls(action)
+        self._late.append(self.action_map.controls(action))
+        controls, self._pedal = self._late.pop(0)
         self._finished = True  # also if this fails
         before = self.data.ctrl.copy()
         if not self.simulation.advance(controls):
@@ -383,6 +387,7 @@ class PianoEnv(gym.Env[Any, Any]):
             physics=self.simulation.get_state(),
             finished=self._finished,
             pedal=self._pedal,
+            late=tuple(self._late),
             simulation=self.config.simulation,
         )
 
@@ -409,7 +414,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._clear_episode()
         self.simulation.set_state(state.physics)
         self._record.restore(state)
-        self._finished, self._pedal = state.finished, state.pedal
+        self._finished, self._pedal, self._late = state.finished, state.pedal, [*state.late]
         return self._observation()
 
     def snapshot(self) -> Snapshot:
@@ -423,6 +428,7 @@ class PianoEnv(gym.Env[Any, Any]):
             record=self._record.fork(),
             finished=self._finished,
             pedal=self._pedal,
+            late=tuple(self._late),
             total_steps=self.total_steps,
         )
 
@@ -435,7 +441,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._check(moment, Snapshot, "no moment: expected what snapshot() returned")
         self.simulation.set_state(moment.physics)
         self._record = moment.record.fork()
-        self._finished, self._pedal = moment.finished, moment.pedal
+        self._finished, self._pedal, self._late = moment.finished, moment.pedal, [*moment.late]
         self.total_steps = moment.total_steps
 
     def __getstate__(self) -> dict[str, Any]:
@@ -502,6 +508,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._record = EpisodeRecord(self.goal, self.scene)
         self._finished = False
         self._pedal = 0.0
+        self._late = [self.action_map.controls(self.rest_action)] * self.latency
 
     def _observation(self) -> Observation:
         """Return the observation; after the last step it repeats the last goal."""

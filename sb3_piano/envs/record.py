@@ -58,6 +58,8 @@ class EnvState:
     """Options of the physics as text; empty in states saved without them."""
     terms: str = ""
     """Names of the reward terms as text; empty in states saved without them."""
+    late: tuple[tuple[FloatArray, float], ...] = ()
+    """Actuators' targets and pedal of delayed actions, the next one first."""
 
     def check(self, simulation: str, terms: Sequence[str]) -> None:
         """Raise an EnvStateError if the state is not from an environment with these options."""
@@ -83,6 +85,7 @@ class EnvState:
             "pedal": isinstance(self.pedal, Real) and 0 <= self.pedal <= 1,
             "simulation": isinstance(self.simulation, str),
             "terms": isinstance(self.terms, str),
+            "late": isinstance(self.late, tuple) and all(map(_is_late, self.late)),
             "within": all(isinstance(n, Integral) and 0 <= n < steps for n in within),
         }
         wrong = [name for name, is_right in parts.items() if not is_right]
@@ -104,6 +107,12 @@ class EnvState:
         return len(self.key_active)
 
 
+def _is_late(pair: Any) -> bool:
+    """Return whether an entry of ``EnvState.late`` has the right types."""
+    is_pair = isinstance(pair, tuple) and len(pair) == 2
+    return is_pair and isinstance(pair[0], np.ndarray) and isinstance(pair[1], Real)
+
+
 def _told(terms: Sequence[str]) -> str:
     return f"the reward terms {', '.join(terms)}"
 
@@ -119,6 +128,8 @@ class Snapshot(NamedTuple):
     """Whether the episode has ended."""
     pedal: float
     """The pedal's command in [0, 1]."""
+    late: tuple[tuple[FloatArray, float], ...]
+    """Actuators' targets and pedal of delayed actions."""
     total_steps: int
     """Control steps of the environment since it was made."""
 
@@ -230,7 +241,13 @@ class EpisodeRecord:
         }
 
     def save(
-        self, *, physics: FloatArray, finished: bool, pedal: float, simulation: str
+        self,
+        *,
+        physics: FloatArray,
+        finished: bool,
+        pedal: float,
+        late: tuple[tuple[FloatArray, float], ...],
+        simulation: str,
     ) -> EnvState:
         """Return a state of the episode so far, with the environment's own values."""
         key_active, sustain, fingertips = self._arrays()
@@ -239,6 +256,7 @@ class EpisodeRecord:
             score=self._goal.source,
             finished=finished,
             pedal=pedal,
+            late=late,
             key_active=key_active,
             sustain=sustain,
             fingertips=fingertips,

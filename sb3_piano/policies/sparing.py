@@ -9,6 +9,7 @@ Useless work is a third of SB3's update of SAC on a piano roll:
 - On a GPU each critic starts operations of its own, where all critics can be one batched product.
 - Adam reads and writes all weights several times in each step, where torch's fused Adam passes over
   them once.
+- The critics' weights are searched for in their modules, and moved to the targets one by one.
 
 Networks stay the same but for rounding, as sums are computed in another order.
 """
@@ -17,10 +18,11 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
+import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 from torch import Tensor, nn
@@ -32,6 +34,9 @@ from sb3_piano.policies.batched_critics import batched_critics
 _WORTHWHILE = 0.75
 """Above this share of used columns, gathering them takes longer than it saves."""
 
+_DENSE_FOR = 50
+"""Batches after a dense one that are not searched for zeros."""
+
 
 class ZeroSkippingLinear(nn.Linear):
     """Linear layer that skips inputs that are zero in the whole batch."""
@@ -39,15 +44,19 @@ class ZeroSkippingLinear(nn.Linear):
     always_used = 0
     """Inputs at the end that are never skipped: a critic's actions, which may all be zero and
     still have a gradient."""
+    dense_for = 0
+    """Number of next batches that count as dense."""
 
     def forward(self, input: Tensor) -> Tensor:
         """Return outputs (batch, out_features) for inputs (batch, in_features)."""
-        if input.shape[1:] != (self.in_features,):
-            return super().forward(input)  # which refuses it
+        if self.dense_for > 0 or input.shape[1:] != (self.in_features,):
+            self.dense_for -= 1
+            return super().forward(input)  # which refuses other shapes
         used = input.detach().abs().sum(dim=0) != 0
         used[self.in_features - self.always_used :] = True
         columns = used.nonzero().squeeze(1)
         if len(columns) > _WORTHWHILE * self.in_features:
+            self.dense_for = _DENSE_FOR
             return super().forward(input)
         weight = self.weight.index_select(1, columns)
         return functional.linear(input.index_select(1, columns), weight, self.bias)
@@ -74,6 +83,10 @@ def fast_updates(model: BaseAlgorithm) -> Iterator[None]:
             group["fused"] = True
             stack.callback(group.update, fused=None)
         if critic is not None:
+            stack.enter_context(_foreach_polyak(model))
+            for name in ("actor", "actor_target", "critic", "critic_target"):
+                if isinstance(network := getattr(policy, name, None), nn.Module):
+                    stack.enter_context(_known_parameters(network))
             if model.device.type != "cpu":
                 for one in (critic, getattr(policy, "critic_target", None)):
                     stack.enter_context(batched_critics(one))
@@ -133,6 +146,47 @@ def _with_constant_weights(
             parameter.requires_grad_(True)
 
 
+@contextlib.contextmanager
+def _known_parameters(network: Any) -> Iterator[None]:
+    """List a network's parameters once; SB3 searches all modules for them in every update."""
+    everything = list(network.parameters())
+
+    def parameters(recurse: bool = True) -> Iterator[nn.Parameter]:
+        return iter(everything) if recurse else nn.Module.parameters(network, recurse)
+
+    network.parameters = parameters
+    try:
+        yield
+    finally:
+        vars(network).pop("parameters", None)  # which hid the class's own
+
+
+@contextlib.contextmanager
+def _foreach_polyak(model: BaseAlgorithm) -> Iterator[None]:
+    """Move all weights of the target networks at once, to the same numbers as SB3's function."""
+    train: Any = getattr(type(model), "train", None)
+    names = getattr(train, "__globals__", {})
+    stock = names.get("polyak_update")
+    if stock is None:
+        yield
+        return
+    names["polyak_update"] = _polyak_update
+    try:
+        yield
+    finally:
+        names["polyak_update"] = stock
+
+
+@torch.no_grad()
+def _polyak_update(params: Iterable[Tensor], target_params: Iterable[Tensor], tau: float) -> None:
+    new, old = [*params], [*target_params]
+    if len(new) != len(old):
+        raise ValueError("Iterables have different lengths")  # as SB3's
+    if new:
+        torch._foreach_mul_(old, 1 - tau)
+        torch._foreach_add_(old, new, alpha=tau)
+
+
 def _first_layers(policy: Any) -> Iterator[tuple[Any, int]]:
     """Yield the first linear layers, and the number of actions among their inputs."""
     n_actions = policy.action_space.shape[0]
@@ -148,3 +202,4 @@ def _first_layers(policy: Any) -> Iterator[tuple[Any, int]]:
 def _restore(layer: Any) -> None:
     layer.__class__ = nn.Linear
     del layer.always_used
+    vars(layer).pop("dense_for", None)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import deque
 from typing import Annotated, Any, SupportsFloat
 
 import gymnasium as gym
@@ -101,7 +100,6 @@ class DomainRandomization(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConst
         """Largest displacement of the keyboard along each axis, m."""
         self._random = np.random.default_rng()
         self._model: Any = None
-        self._late: deque[Any] = deque()
         self.noisy = noisy_columns(self._piano.observation_layout)
         """Columns of the observation with noise."""
 
@@ -174,14 +172,13 @@ class DomainRandomization(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConst
         if "body_mass" in drawn.fields:
             mujoco.mj_setConst(scene.model, mujoco.MjData(scene.model))
         scene.key_sounding_angle[:] = drawn.sounding_angle[0]
-        self._late = deque([self._piano.rest_action] * int(drawn.latency[0]))
+        self._piano.latency = int(drawn.latency[0])
         observation, info = self.env.reset(seed=seed, options=options)
         return self._noisy(observation), info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Play a control step with the action that is due."""
-        self._late.append(action)
-        observation, reward, terminated, truncated, info = self.env.step(self._late.popleft())
+        """Play a control step."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
         return self._noisy(observation), reward, terminated, truncated, info
 
     def _noisy(self, observation: Any) -> Any:

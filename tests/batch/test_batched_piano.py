@@ -6,6 +6,7 @@ import functools
 from pathlib import Path
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -140,6 +141,27 @@ def test_worlds_are_reset_by_a_mask_and_others_play_on():
         for action in actions[start:]:
             observation, *_ = env.step(action[world].numpy())
         np.testing.assert_array_equal(seen.observation[world].numpy(), observation)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"hand": LEAP}, {"forearm_dofs": ["forearm_tx", "forearm_yaw"]}],
+    ids=lambda options: "-".join(options),
+)
+def test_forearms_touch_where_they_do_in_a_single_environment(options):
+    env, random = PianoEnv(SCORES[0], **FAST, **options), np.random.default_rng(0)
+    batch = BatchedPiano(200, SCORES[0], n_threads=1, **FAST, **options)
+    scene, data, qpos = env.scene, env.data, batch.worlds.qpos.clone()
+    joints = np.concatenate([qpos_of[-2:] for qpos_of in scene.joint_qpos])  # of the forearms
+    qpos[:, joints] = torch.from_numpy(random.uniform(-0.3, 0.3, (200, len(joints))))
+    batch.worlds.set_state(qpos, torch.zeros_like(batch.worlds.qvel))
+    expected = []
+    for row in qpos.numpy():
+        data.qpos[:] = row
+        mujoco.mj_forward(env.model, data)
+        expected.append(scene.forearms_touch(data))
+    assert 20 < sum(expected) < 180
+    assert batch.worlds.forearms_touch().tolist() == expected
 
 
 def test_equal_seeds_draw_equal_pieces_and_places():

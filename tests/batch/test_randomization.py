@@ -1,6 +1,7 @@
 """Episodes differ in their physics, latency and noise, alike in a batch and in one environment."""
 
 import functools
+import pickle
 
 import numpy as np
 import pytest
@@ -92,6 +93,24 @@ def test_seeds_decide_and_episodes_differ():
     assert not np.array_equal(rows[0][0], rows[0][1])
     friction = batches[0].worlds.fields["geom_friction"][:, 0, 0]
     assert len(set(friction.tolist())) == 3
+
+
+def test_a_restored_state_has_its_delayed_actions():
+    env = DomainRandomization(PianoEnv(SCORE, **FAST), latency=(2, 2))
+    env.reset(seed=0)
+    actions, piano = wandering(9, env.action_space.shape[0]), env.unwrapped
+    for action in actions[:4]:
+        env.step(action)
+    state, moment, other = piano.get_state(), piano.snapshot(), PianoEnv(SCORE, **FAST)
+    state = pickle.loads(pickle.dumps(state))
+    expected = [env.step(action)[0] for action in actions[4:]]
+    for one, restore in (
+        (piano, lambda: piano.set_state(state)),
+        (piano, lambda: piano.go_back(moment)),
+        (other, lambda: other.set_state(state)),
+    ):
+        restore()
+        np.testing.assert_array_equal([one.step(action)[0] for action in actions[4:]], expected)
 
 
 def test_conditions_do_not_add_up_over_episodes():

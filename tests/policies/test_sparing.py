@@ -107,6 +107,35 @@ def test_columns_of_zeros_are_left_out_and_their_weights_have_no_gradient():
     assert layer(rows).isnan().any(dim=1).tolist() == [False, False, True, False]
 
 
+def test_dense_batches_are_searched_for_zeros_only_now_and_then():
+    layer, full, half = nn.Linear(6, 3), torch.rand(4, 6), torch.rand(4, 6)
+    half[:, :3] = 0.0
+    layer.__class__ = ZeroSkippingLinear
+    layer(full)
+    layer(half).sum().backward()
+    assert layer.dense_for > 0
+    for _ in range(layer.dense_for + 1):
+        layer(half)
+    assert layer.dense_for == 0
+    torch.testing.assert_close(layer(half), nn.functional.linear(half, layer.weight, layer.bias))
+
+
+def test_target_networks_follow_to_the_same_numbers_as_in_sb3():
+    model = make(TD3)
+    expected, target = ([torch.rand(5, 3), torch.rand(7)] for _ in range(2))
+    found = [one.clone() for one in target]
+    stock = TD3.train.__globals__["polyak_update"]
+    stock(expected, target, 0.3)
+    with fast_updates(model):
+        ours = TD3.train.__globals__["polyak_update"]
+        assert ours is not stock
+        ours(expected, found, 0.3)
+        assert [*model.critic.parameters()] == [*nn.Module.parameters(model.critic)]
+    assert TD3.train.__globals__["polyak_update"] is stock
+    assert "parameters" not in vars(model.critic)
+    assert all(torch.equal(*pair) for pair in zip(found, target, strict=True))
+
+
 @pytest.mark.parametrize("name", ["sac", "td3"])
 def test_afterwards_the_model_is_as_before_and_one_without_critics_of_actions_is_left_alone(name):
     model = make(*ALGORITHMS[name])

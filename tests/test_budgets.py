@@ -25,7 +25,7 @@ LINES = {
     "callbacks": 2_894,
     "cli": 3_440,
     "demonstrations": 1_502,
-    "envs": 2_722,
+    "envs": 2_699,
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_872, "modules": 337, "names": 226},
+    "core": {"lines": 50_849, "modules": 337, "names": 226},
     "lab": {"lines": 7_692, "modules": 57, "names": 23},
     "tests": {"lines": 40_769},
 }

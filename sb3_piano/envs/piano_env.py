@@ -383,13 +383,7 @@ class PianoEnv(gym.Env[Any, Any]):
 
     def get_state(self) -> EnvState:
         """Return the state of physics and episode, without the random generator's."""
-        return self._record.save(
-            physics=self.simulation.get_state(),
-            finished=self._finished,
-            pedal=self._pedal,
-            late=tuple(self._late),
-            simulation=self.config.simulation,
-        )
+        return self._record.save(self.config.simulation, **self._own_state())
 
     def set_state(self, state: EnvState) -> Observation:
         """Restore a state. The same actions then give exactly the same steps.
@@ -423,14 +417,8 @@ class PianoEnv(gym.Env[Any, Any]):
         It is cheaper than :meth:`get_state`, but valid only in this environment, in this episode,
         and in deep copies of the environment made in this episode.
         """
-        return Snapshot(
-            physics=self.simulation.get_state(),
-            record=self._record.fork(),
-            finished=self._finished,
-            pedal=self._pedal,
-            late=tuple(self._late),
-            total_steps=self.total_steps,
-        )
+        own = self._own_state()
+        return Snapshot(record=self._record.fork(), total_steps=self.total_steps, **own)
 
     def go_back(self, moment: Snapshot) -> None:
         """Restore a snapshot. The same actions then give exactly the same steps.
@@ -443,6 +431,11 @@ class PianoEnv(gym.Env[Any, Any]):
         self._record = moment.record.fork()
         self._finished, self._pedal, self._late = moment.finished, moment.pedal, [*moment.late]
         self.total_steps = moment.total_steps
+
+    def _own_state(self) -> dict[str, Any]:
+        """Return what a state has beside the record."""
+        late, physics = tuple(self._late), self.simulation.get_state()
+        return {"physics": physics, "finished": self._finished, "pedal": self._pedal, "late": late}
 
     def __getstate__(self) -> dict[str, Any]:
         # A drawing context or a weak reference to a wrapper cannot be copied. Only one environment

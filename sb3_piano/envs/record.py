@@ -27,6 +27,9 @@ from sb3_piano.simulation import PianoScene, Simulation
 # Most physics steps kept as key angles, which take eight times the memory of booleans.
 _MANY = 2000
 
+Late = tuple[tuple[FloatArray, float], ...]
+"""Actuators' targets and pedal of delayed actions, the next one first."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EnvState:
@@ -58,8 +61,7 @@ class EnvState:
     """Options of the physics as text; empty in states saved without them."""
     terms: str = ""
     """Names of the reward terms as text; empty in states saved without them."""
-    late: tuple[tuple[FloatArray, float], ...] = ()
-    """Actuators' targets and pedal of delayed actions, the next one first."""
+    late: Late = ()
 
     def check(self, simulation: str, terms: Sequence[str]) -> None:
         """Raise an EnvStateError if the state is not from an environment with these options."""
@@ -85,7 +87,7 @@ class EnvState:
             "pedal": isinstance(self.pedal, Real) and 0 <= self.pedal <= 1,
             "simulation": isinstance(self.simulation, str),
             "terms": isinstance(self.terms, str),
-            "late": isinstance(self.late, tuple) and all(map(_is_late, self.late)),
+            "late": isinstance(self.late, tuple) and all(len(pair) == 2 for pair in self.late),
             "within": all(isinstance(n, Integral) and 0 <= n < steps for n in within),
         }
         wrong = [name for name, is_right in parts.items() if not is_right]
@@ -107,12 +109,6 @@ class EnvState:
         return len(self.key_active)
 
 
-def _is_late(pair: Any) -> bool:
-    """Return whether an entry of ``EnvState.late`` has the right types."""
-    is_pair = isinstance(pair, tuple) and len(pair) == 2
-    return is_pair and isinstance(pair[0], np.ndarray) and isinstance(pair[1], Real)
-
-
 def _told(terms: Sequence[str]) -> str:
     return f"the reward terms {', '.join(terms)}"
 
@@ -128,8 +124,7 @@ class Snapshot(NamedTuple):
     """Whether the episode has ended."""
     pedal: float
     """The pedal's command in [0, 1]."""
-    late: tuple[tuple[FloatArray, float], ...]
-    """Actuators' targets and pedal of delayed actions."""
+    late: Late
     total_steps: int
     """Control steps of the environment since it was made."""
 
@@ -240,23 +235,12 @@ class EpisodeRecord:
             **{RETURN_PREFIX + n: sum_ for n, sum_ in zip(self._goal.terms, returns, strict=True)},
         }
 
-    def save(
-        self,
-        *,
-        physics: FloatArray,
-        finished: bool,
-        pedal: float,
-        late: tuple[tuple[FloatArray, float], ...],
-        simulation: str,
-    ) -> EnvState:
+    def save(self, simulation: str, **own: Any) -> EnvState:
         """Return a state of the episode so far, with the environment's own values."""
         key_active, sustain, fingertips = self._arrays()
         return EnvState(
-            physics=physics,
+            **own,
             score=self._goal.source,
-            finished=finished,
-            pedal=pedal,
-            late=late,
             key_active=key_active,
             sustain=sustain,
             fingertips=fingertips,

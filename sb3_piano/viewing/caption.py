@@ -41,15 +41,15 @@ class _Patch(NamedTuple):
     """A small picture with transparent parts."""
 
     ink: Any
-    """(height, width, 3) colours, times their opacity."""
+    """(height, width, 3) uint16 colours, times their opacity and 256."""
     rest: Any
-    """(height, width, 1) transparency."""
+    """(height, width, 1) uint16 transparency, times 256."""
 
     def put(self, picture: npt.NDArray[np.uint8], left: int, top: int) -> None:
         height, width, _ = self.ink.shape
         part: npt.NDArray[Any] = picture[top : top + height, left : left + width]
         height, width, _ = part.shape
-        part[:] = part * self.rest[:height, :width] + self.ink[:height, :width]
+        part[:] = (part * self.rest[:height, :width] + self.ink[:height, :width]) >> 8
 
 
 def write_caption(
@@ -72,11 +72,18 @@ def write_caption(
     if f1 is not None:
         patch = _text(f"F1 so far {f1:.2f}", size)
         patch.put(picture, width - size // 2 - patch.ink.shape[1], size // 2)
-    if pedal is not None and width >= _LEAST_WIDTH:
-        patch = _legend(width, min(width // 60, size), pedal)
-        patch.put(picture, 0, height - len(patch.ink))
+    if pedal is not None and (rows := legend_height(width, height)):
+        picture[-rows:] = _legend(width, rows // 2, pedal)
 
 
+def legend_height(width: int, height: int) -> int:
+    """Return the number of rows of the legend, which hides what is under it; 0 without one."""
+    if height < _LEAST_HEIGHT or width < _LEAST_WIDTH:
+        return 0
+    return 2 * min(width // 60, height // 22)
+
+
+@functools.lru_cache(maxsize=8)
 def _shortened(text: str, size: int, width: int) -> str:
     while text and _font(size).getlength(text) > width:
         text = f"{text[:-2].rstrip()}…" if len(text) > 1 else ""
@@ -96,12 +103,12 @@ def _text(text: str, size: int) -> _Patch:
 
 
 @functools.lru_cache(maxsize=8)
-def _legend(width: int, size: int, pedal: bool) -> _Patch:
+def _legend(width: int, size: int, pedal: bool) -> npt.NDArray[np.uint8]:
     """Draw the marks, and the lamp of the pedal at the right end."""
     from PIL import Image, ImageDraw
 
     font, edge = _font(size), size // 2
-    image = Image.new("RGBA", (width, 2 * size), (8, 8, 10, 190))
+    image = Image.new("RGB", (width, 2 * size), (6, 6, 8))
     draw, left = ImageDraw.Draw(image), float(size)
 
     def mark(name: str, color: Color, rim: Color | None, shape: Any, left: float) -> float:
@@ -117,13 +124,13 @@ def _legend(width: int, size: int, pedal: bool) -> _Patch:
         left = mark(*each, draw.rectangle, left)
     place = width - 2.4 * size - font.getlength("pedal")
     mark("pedal", _LAMP if pedal else (0.0, 0.0, 0.0, 1.0), MISSED_COLOR, draw.ellipse, place)
-    return _patch(image)
+    return np.asarray(image)
 
 
 def _patch(image: Any) -> _Patch:
     pixels = np.asarray(image, dtype=np.float32)
-    opacity = pixels[..., 3:] / np.float32(255)
-    return _Patch(pixels[..., :3] * opacity, np.float32(1) - opacity)
+    opacity = (pixels[..., 3:] * (256 / 255)).round()
+    return _Patch((pixels[..., :3] * opacity).astype(np.uint16), (256 - opacity).astype(np.uint16))
 
 
 @functools.lru_cache(maxsize=4)

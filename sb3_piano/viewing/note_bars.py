@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -182,12 +183,15 @@ def _fill(picture: npt.NDArray[np.uint8], box: tuple[float, ...], color: Color) 
     """Fill a rectangle (left, right, top, foot) whose upper and lower edges are smooth."""
     left, right = round(box[0]), round(box[1])
     top, foot = max(box[2], 0.0), min(box[3], len(picture))
-    rows = np.arange(int(top), int(np.ceil(foot)))
-    if not len(rows) or foot <= top or left >= right or right <= 0:
+    if foot <= top or left >= right or right <= 0:
         return
-    part: npt.NDArray[Any] = picture[rows[0] : rows[-1] + 1, max(left, 0) : right]
-    share = (np.minimum(rows + 1, foot) - np.maximum(rows, top))[:, None, None]
-    part[:] = part + (255 * np.array(color[:3]) - part) * share
+    first, last = int(top), math.ceil(foot) - 1
+    part: npt.NDArray[Any] = picture[: last + 1, max(left, 0) : right]
+    tone = 255 * np.array(color[:3])
+    part[first + 1 : last] = tone
+    for row in {first, last}:
+        share = min(row + 1, foot) - max(row, top)
+        part[row] = part[row] + (tone - part[row]) * share
 
 
 def _stretch(low: float, high: float, least: float) -> Stretch:

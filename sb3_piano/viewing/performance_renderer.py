@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,18 +12,15 @@ from sb3_piano.engine import mujoco
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.catalogue import shown_title
 from sb3_piano.simulation import PianoScene
-from sb3_piano.viewing.caption import write_caption
+from sb3_piano.viewing.caption import legend_height, write_caption
 from sb3_piano.viewing.frame_renderer import Area, FrameRenderer
 from sb3_piano.viewing.moment import FINGER_COLORS, Color, Moment, geom_colors
 from sb3_piano.viewing.note_bars import NoteBars, draw_notes, finger_plates
-from sb3_piano.viewing.stage import FAR_END, FELT, HALF_WHITE, HANDS, LANES, PANEL_GROUP, staged
-from sb3_piano.viewing.views import LARGEST, SHOTS, View, place_camera
+from sb3_piano.viewing.stage import FURNITURE, HANDS, HIDDEN, KEYS, sheet_points, staged
+from sb3_piano.viewing.views import SHOTS, View, place_camera
 
-_FINER = 1.5
-_GRID = 6
-"""Areas begin at multiples of it, pixels of the larger drawing: whole pixels of the picture."""
-_AROUND = 9
-"""Width of an area around what moves, pixels of the larger drawing."""
+_AROUND = 6
+"""Width of an area around what moves, pixels."""
 _STILL_ANGLE = 0.003
 """Keys that have moved less do not seem to move, rad."""
 
@@ -39,25 +38,20 @@ class PerformanceRenderer:
 
     def __init__(self, scene: PianoScene, *, width: int, height: int, view: View):
         """Open a drawing context of the given size."""
-        self._stage = staged(scene)
+        self._stage = staged(scene).copy()
         self._size = width, height
         self._shot = SHOTS[view]
         self._data = mujoco.MjData(self._stage.model)
-        # Drawing larger and scaling down is as smooth as four samples a pixel, and takes two thirds
-        # of the time without a graphics card; the size of the drawing context is limited.
-        large = round(_FINER * width), round(_FINER * height)
-        finer = large[0] <= LARGEST[0] and large[1] <= LARGEST[1]
-        self._scale, samples = (_FINER, 0) if finer else (1.0, 4)
-        size = large if finer else self._size
-        self._whole = Area(0, 0, *size)
-        self._renderer = FrameRenderer(
-            self._stage, width=size[0], height=size[1], samples=samples, lean=True
-        )
+        self._renderer = FrameRenderer(self._stage, width=width, height=height, lean=True)
+        # Behind falling notes and under the keys the furniture would be as good as black.
+        self._seen = [KEYS] if self._shot.foot is not None else [KEYS, FURNITURE]
         self._bars: NoteBars | None = None
         self._still: npt.NDArray[np.uint8] | None = None
         self._foot, self._places, self._pixels = 0, np.zeros(88), 1.0
+        self._end = np.array([width, height - legend_height(width, height)])
         model = self._stage.model
         self._hands = np.flatnonzero((model.geom_group == HANDS) & (model.geom_rgba[:, 3] > 0))
+        self._columns = np.zeros(88), np.zeros(88)
         self._tints = self._phalanges()
 
     def render(self, roll: PianoRoll, title: str, moment: Moment) -> npt.NDArray[np.uint8]:
@@ -80,15 +74,14 @@ class PerformanceRenderer:
         colors = geom_colors(
             stage, due=moment.due, fingers=moment.fingers, sounding=moment.sounding
         )
-        self._renderer.look(self._data, {HANDS: True})
-        area = self._whole if self._still is None else self._moving(colors)
+        area = None if self._still is None else self._moving(colors)
+        self._show_keys(area)
+        self._renderer.look(self._data, [HANDS, *self._seen])
         plates = finger_plates(stage, self._data, moment)
-        part = self._shrunk(self._renderer.draw(self._tints | colors, plates, area))
-        if self._still is None:
-            picture = part
-        else:
-            picture = self._still.copy()
-            Area(*(round(edge / self._scale) for edge in area)).of(picture)[:] = part
+        picture = self._renderer.draw(self._tints | colors, plates, area)
+        if area is not None and self._still is not None:
+            part, picture = picture, self._still.copy()
+            area.of(picture)[:] = part
         if shot.foot is not None:
             falling = notes.falling(moment.step, moment.sounding)
             draw_notes(picture[: self._foot], falling, self._places, self._pixels)
@@ -112,17 +105,16 @@ class PerformanceRenderer:
     def _draw_still(self) -> npt.NDArray[np.uint8]:
         """Draw all that does not move."""
         pose(self._stage, self._data, self._stage.model.qpos0)
+        self._show_keys(None)
         has_sheet = self._shot.foot is not None
-        self._renderer.look(self._data, {HANDS: False, PANEL_GROUP: not has_sheet})
-        still = self._shrunk(self._renderer.draw({}, (), self._whole))
+        self._renderer.look(self._data, self._seen)
+        still = self._renderer.draw({})
+        columns = self._corners(self._stage.key_geom)[..., 0]
+        self._columns = columns.min(axis=1), columns.max(axis=1)
         if has_sheet:
             key_y = self._stage.key_boxes[0][:, 1]
-            ends = np.array([FELT, *[FAR_END] * (88 + len(LANES))])
-            ends[1:, 1] = [*key_y, *(key_y[list(LANES)] - HALF_WHITE)]
-            self._renderer.look(self._data)
-            columns, rows = self._renderer.project(ends).T / self._scale
-            grid = round(_GRID / self._scale)
-            self._foot = max(int(rows[0] / grid + 1) * grid, 0)
+            columns, rows = self._renderer.project(sheet_points(key_y)).T
+            self._foot = max(int(rows[0]) + 1, 0)
             self._places = columns[1:89]
             self._pixels = float(np.ptp(self._places) / np.ptp(key_y))
             still[: self._foot] = _SHEET
@@ -132,30 +124,30 @@ class PerformanceRenderer:
 
     def _moving(self, colors: dict[int, Color]) -> Area:
         """Return the area of the drawing with the hands and the keys that moved or have colours."""
-        stage, data, model = self._stage, self._data, self._stage.model
+        stage, data = self._stage, self._data
         moved = np.abs(data.qpos[stage.key_qpos]) > _STILL_ANGLE
         keys = stage.key_geom[stage.moving_keys][moved]
         geoms = np.unique(np.concatenate([self._hands, keys, list(colors)])).astype(int)
-        box = model.geom_aabb[geoms]
+        seen = self._corners(geoms).reshape(-1, 2)
+        first, end = np.array([0, self._foot]), self._end
+        low = np.clip(np.floor(seen.min(axis=0)) - _AROUND, np.minimum(first, end - 1), end - 1)
+        high = np.clip(np.ceil(seen.max(axis=0)) + _AROUND, low + 1, end)
+        return Area(*(int(edge) for edge in (*low, *high)))
+
+    def _corners(self, geoms: npt.NDArray[np.integer[Any]]) -> FloatArray:
+        """Return the columns and rows, (n, 8, 2), of the corners of geoms' boxes."""
+        box, data = self._stage.model.geom_aabb[geoms], self._data
         corners = box[:, None, :3] + _CORNERS * box[:, None, 3:]
         turned = corners @ data.geom_xmat[geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
-        seen = self._renderer.project((turned + data.geom_xpos[geoms][:, None]).reshape(-1, 3))
-        low = np.floor((seen.min(axis=0) - _AROUND) / _GRID) * _GRID
-        high = np.ceil((seen.max(axis=0) + _AROUND) / _GRID) * _GRID
-        _, _, *end = self._whole
-        first = 0, round(self._foot * self._scale)
-        low, high = np.clip(low, first, np.array(end) - 2 * _GRID), np.clip(high, first, end)
-        left, top, right, bottom = (int(edge) for edge in (*low, *np.maximum(high, low + _GRID)))
-        return Area(left - left % _GRID, top - top % _GRID, right, bottom)
+        points = (turned + data.geom_xpos[geoms][:, None]).reshape(-1, 3)
+        return self._renderer.project(points).reshape(-1, 8, 2)
 
-    def _shrunk(self, drawn: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        """Scale a drawing down to the size of the picture."""
-        if self._scale == 1.0:
-            return drawn
-        from PIL import Image  # here, to keep importing environments fast
-
-        size = round(drawn.shape[1] / self._scale), round(drawn.shape[0] / self._scale)
-        return np.array(Image.fromarray(drawn).resize(size, Image.Resampling.BOX))
+    def _show_keys(self, area: Area | None) -> None:
+        """Hide the keys beside an area, which takes less time to draw then."""
+        beside, (left, right) = np.zeros(88, dtype=bool), self._columns
+        if area is not None:
+            beside = (right < area.left - _AROUND) | (left > area.right + _AROUND)
+        self._stage.model.geom_group[self._stage.key_geom] = np.where(beside, HIDDEN, KEYS)
 
 
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

@@ -36,17 +36,22 @@ PANEL_FOOT, PANEL_TOP = 0.045, 0.62
 
 # The keys start at A: the panel has a line before each C, where octaves begin.
 _FIRST_C, _OCTAVE = 3, 12
-HALF_WHITE = 0.01175
+_HALF_WHITE = 0.01175
 """Half the width of a white key, m."""
-LANES = range(_FIRST_C, 88, _OCTAVE)
+_LANES = range(_FIRST_C, 88, _OCTAVE)
 """Keys at whose left edge an octave begins."""
-FAR_END, FELT = (-0.075, 0.0, 0.0225), (-0.082, 0.0, 0.0417)
+_FAR_END, _FELT_TOP = (-0.075, 0.0, 0.0225), (-0.082, 0.0, 0.0417)
 """Far end of a key, and the felt behind the keys, on which notes fall in pictures, m."""
 
 _LACQUER = "lacquer"
 
-HANDS, PANEL_GROUP = 1, 2
-"""Groups of geoms: those of the hands, and the panel with what belongs to it."""
+_ROWS, _FEW_ROWS, _WIDE = 7, 5, 0.016
+"""Rows of points on the ellipsoids of hands, on those of fingers, and the radius between, m."""
+_LARGER = 1.05
+"""Size of the links before the fingertips, times that of others."""
+
+KEYS, HANDS, FURNITURE, HIDDEN = 0, 1, 2, 5
+"""Groups of geoms: keys with the felt behind them, hands, all else, and what no picture shows."""
 
 FIELD_OF_VIEW = 16.0
 """Vertical field of view of a picture, degrees: small, so that bars above the keys are almost
@@ -82,12 +87,19 @@ def _staged(**options: Any) -> PianoScene:
     return assemble_scene([world, piano, *hands], options)
 
 
+def sheet_points(key_y: FloatArray) -> FloatArray:
+    """Return the places, (n, 3) m, of the felt, the keys' far ends, and the lanes' left ends."""
+    points = np.array([_FELT_TOP, *[_FAR_END] * (len(key_y) + len(_LANES))])
+    points[1:, 1] = [*key_y, *(key_y[list(_LANES)] - _HALF_WHITE)]
+    return points
+
+
 def _light(world: mujoco.MjSpec) -> None:
     """Dim the room, and add one lamp that casts shadows."""
     world.visual.global_.fovy = FIELD_OF_VIEW
-    # Boxes with fewer triangles look the same, and save a fifth of the time without a GPU.
+    # Shapes with fewer triangles look the same, and take less time without a GPU.
     quality = world.visual.quality
-    quality.numquads, quality.numslices, quality.numstacks = 1, 16, 8
+    quality.numquads, quality.numslices, quality.numstacks = 1, 12, 4
     head = world.visual.headlight
     head.ambient, head.diffuse, head.specular = [0.28] * 3, [0.34] * 3, [0.05] * 3
     for light in list(world.lights):
@@ -111,20 +123,20 @@ def _light(world: mujoco.MjSpec) -> None:
     sky.rgb1, sky.rgb2 = [0.10, 0.11, 0.14], [0.02, 0.02, 0.03]
     floor = world.geom("floor")
     floor.rgba, floor.pos, floor.size = [0.04, 0.04, 0.045, 1.0], [0.0, 0.0, -0.76], [4, 4, 0.05]
+    floor.group = FURNITURE
 
 
 def _furnish(world: mujoco.MjSpec, keys: list[float]) -> None:
     """Add an upright piano around keys at given positions along the keyboard, m."""
     world.add_material(name=_LACQUER, rgba=[0.035, 0.033, 0.037, 1.0], specular=0.6, shininess=0.7)
     for name, (centre, half) in _FURNITURE.items():
-        group = PANEL_GROUP if name in ("panel", "top") else 0
-        _add_box(world, name, centre, half, material=_LACQUER, group=group)
-    _add_box(world, "felt", (-0.079, 0.0, 0.0405), (0.003, 0.61, 0.0012), rgba=_FELT)
+        _add_box(world, name, centre, half, material=_LACQUER)
+    _add_box(world, "felt", (-0.079, 0.0, 0.0405), (0.003, 0.61, 0.0012), rgba=_FELT, group=KEYS)
     height = (PANEL_TOP - PANEL_FOOT) / 2
-    for key in (keys[lane] for lane in LANES):
-        centre = (PANEL, key - HALF_WHITE, PANEL_FOOT + height)
+    for key in (keys[lane] for lane in _LANES):
+        centre = (PANEL, key - _HALF_WHITE, PANEL_FOOT + height)
         half = (0.0007, 0.0006, height)
-        _add_box(world, f"lane_{key:.3f}", centre, half, rgba=_LANE, group=PANEL_GROUP)
+        _add_box(world, f"lane_{key:.3f}", centre, half, rgba=_LANE)
 
 
 def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
@@ -138,8 +150,11 @@ def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
                 geom.rgba = _INVISIBLE
     mirror = np.ones(3)
     mirror["xyz".index(spec.mirror)] = 1.0 if side == "right" else -1.0
+    before_tips = {spec.short(body[tip].parent.name) for tip in spec.tips}
     for shape in spec.look:
-        surface = [point for ball in shape.balls for point in _surface(ball, mirror)]
+        # Two links share a ball at their joint: the larger one is seen whole.
+        size = mirror * (_LARGER if shape.link in before_tips else 1.0)
+        surface = [point for ball in shape.balls for point in _surface(ball, mirror, size)]
         mesh = hand.add_mesh(name=f"{shape.link}_{len(hand.meshes)}", uservert=surface)
         mesh.smoothnormal = True
         body[shape.link].add_geom(
@@ -152,14 +167,15 @@ def _dress(hand: mujoco.MjSpec, spec: HandSpec, side: Hand) -> None:
         )
 
 
-def _surface(ball: Ball, mirror: FloatArray) -> list[float]:
+def _surface(ball: Ball, mirror: FloatArray, size: FloatArray) -> list[float]:
     """Return points on an ellipsoid as a flat list of coordinates; MuJoCo computes their hull."""
-    points = mirror * np.array(ball.centre) + np.array(ball.radii) * _sphere()
+    rows = _ROWS if max(ball.radii) > _WIDE else _FEW_ROWS
+    points = mirror * np.array(ball.centre) + size * np.array(ball.radii) * _sphere(rows)
     return [float(value) for value in points.ravel()]
 
 
 @functools.cache
-def _sphere(rows: int = 7) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _sphere(rows: int) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return nearly equidistant points on a sphere of radius 1, (n, 3)."""
     points = []
     for row in range(rows):
@@ -179,7 +195,7 @@ def _add_box(
     half: _Vector,
     rgba: tuple[float, ...] | None = None,
     material: str = "",
-    group: int = 0,
+    group: int = FURNITURE,
 ) -> None:
     look: dict[str, Any] = {"material": material} if rgba is None else {"rgba": rgba}
     look |= {"contype": 0, "conaffinity": 0, "group": group}

@@ -25,8 +25,9 @@ _FFMPEG = (
     "IMAGEIO_FFMPEG_EXE."
 )
 
-_PRESET = "veryfast"
-"""x264's effort; its default, "medium", takes twice the time, and files are no smaller."""
+_PRESET, _DETAILS = "superfast", "mbtree=1:rc-lookahead=10"
+"""x264's effort; "veryfast" takes a quarter more time, and files are a sixth smaller. Without the
+two settings of a slower preset they are twice as large."""
 _QUALITY = "20"
 """x264's constant rate factor: 0 is lossless, 51 is worst, 18 to 23 look good."""
 
@@ -92,7 +93,8 @@ def _encoding(path: Path, rate: Fraction, size: tuple[int, int]) -> list[str]:
     """
     pictures = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}"]
     source = [*pictures, "-r", str(rate), "-i", "pipe:0"]
-    h264 = ["-c:v", "libx264", "-preset", _PRESET, "-crf", _QUALITY, "-pix_fmt", "yuv420p"]
+    effort = ["-preset", _PRESET, "-x264-params", _DETAILS, "-crf", _QUALITY]
+    h264 = ["-c:v", "libx264", *effort, "-pix_fmt", "yuv420p"]
     return [*source, *h264, "-f", "mp4", os.path.abspath(path)]
 
 

@@ -42,7 +42,7 @@ LINES = {
     "training": 6_328,
     "tuning": 1_260,
     "vec_env": 480,
-    "viewing": 2_583,
+    "viewing": 2_623,
     "wrappers": 2_269,
 }
 
@@ -53,7 +53,7 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_849, "modules": 337, "names": 226},
+    "core": {"lines": 50_889, "modules": 337, "names": 226},
     "lab": {"lines": 7_692, "modules": 57, "names": 23},
     "tests": {"lines": 40_769},
 }

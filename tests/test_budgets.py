@@ -32,7 +32,7 @@ LINES = {
     "jobs": 729,
     "lab": 7_692,
     "metrics": 1_416,
-    "music": 9_087,
+    "music": 9_090,
     "pipelines": 1_009,
     "planning": 3_144,
     "players": 2_318,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_889, "modules": 337, "names": 226},
+    "core": {"lines": 50_892, "modules": 337, "names": 226},
     "lab": {"lines": 7_692, "modules": 57, "names": 23},
-    "tests": {"lines": 40_769},
+    "tests": {"lines": 40_771},
 }
 
 

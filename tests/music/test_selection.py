@@ -127,7 +127,8 @@ def test_a_midi_file_is_read(tmp_path, name):
 
 def test_what_is_no_piece_is_refused_with_what_is_accepted(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.mscz").write_bytes(b"PK")  # a file that is there is no unknown piece
+    for there in ("a.mscz", "a.zip"):  # a file that is there is no unknown piece
+        (tmp_path / there).write_bytes(b"PK")
     name = (
         r"Unknown piece 'CMajorScaleTwoHand'\. Did you mean .*TwoHands'.* Expected a name from "
         r"'sb3-piano pieces list' or the path of a file"
@@ -137,6 +138,7 @@ def test_what_is_no_piece_is_refused_with_what_is_accepted(tmp_path, monkeypatch
         ("music/etude.wav", ScoreError, r"Cannot tell the format of '.*etude.*\.txt file"),
         (Path("etude"), ScoreError, r"Cannot tell the format of '.*etude.*\.txt file"),
         ("a.mscz", ScoreError, r"format of 'a.mscz'.*Export it as MusicXML"),
+        ("a.zip", ScoreError, r"format of 'a.zip'.*named by the folder of its run"),
         *(
             (source, ConfigError, f"cannot be given as {type(source).__name__}")
             for source in (7, None, b"etude.mid", [SCORE])

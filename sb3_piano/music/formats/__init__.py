@@ -20,7 +20,10 @@ from sb3_piano.music.score import Score
 T = TypeVar("T")
 
 _MUSICXML = (".musicxml", ".mxl", ".xml")
-_OF_PROGRAMS = frozenset({".mscz", ".mscx", ".sib", ".musx", ".mus", ".dorico", ".gp", ".ly"})
+_HINTS = dict.fromkeys(
+    (".mscz", ".mscx", ".sib", ".musx", ".mus", ".dorico", ".gp", ".ly"), " Export it as MusicXML."
+)
+_HINTS[".zip"] = " A training's model is named by the folder of its run."
 
 READERS: Mapping[str, Callable[[Path], Score]] = MappingProxyType(
     {
@@ -81,7 +84,7 @@ def write_score(score: Score, path: str | os.PathLike[str]) -> None:
 
 def _of_suffix(table: Mapping[str, T], path: Path) -> T:
     if path.suffix.lower() not in table:
-        hint = " Export it as MusicXML." if path.suffix.lower() in _OF_PROGRAMS else ""
+        hint = _HINTS.get(path.suffix.lower(), "")
         raise ScoreError(
             f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.{hint}"
         )

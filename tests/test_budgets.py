@@ -30,7 +30,7 @@ LINES = {
     "hyperparams": 39,
     "interop": 236,
     "jobs": 729,
-    "lab": 7_692,
+    "lab": 7_695,
     "metrics": 1_416,
     "music": 9_090,
     "pipelines": 1_009,
@@ -54,8 +54,8 @@ LONG_WORK_LINES = 2_998
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
     "core": {"lines": 50_892, "modules": 337, "names": 226},
-    "lab": {"lines": 7_692, "modules": 57, "names": 23},
-    "tests": {"lines": 40_771},
+    "lab": {"lines": 7_695, "modules": 57, "names": 23},
+    "tests": {"lines": 40_774},
 }
 
 

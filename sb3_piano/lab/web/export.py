@@ -289,7 +289,7 @@ def _write_take(path: Path, take: Take, base: str, taken: set[str]) -> dict[str,
 
 def _named_player(player: str) -> str:
     """Return a player in words: a spec without the folders of its files."""
-    if "plan=" in player:
+    if "plan=" in player or "passes=" in player:
         return "Plan, refined in simulation"
     if player.startswith("tree:"):
         return f"{_named_player(player.split(':', 2)[2])}, looking ahead"

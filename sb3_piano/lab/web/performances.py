@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,8 @@ _GAIN_STEPS = 127
 # Numbers of a take's motion are rounded to multiples of 1/8192, 0.1 mm or 0.1 mrad: it is read from
 # the file, not simulated, and takes a third of the space.
 _MOTION_STEPS = 2**13
+
+_FOLDERS = re.compile(r"[^=:,]*[/\\]")  # in the text of a player
 
 _FOREARM = find_hand(DEFAULT_HAND).forearm_dofs()
 """Joints of the forearms that the page shows."""
@@ -136,13 +139,13 @@ def read_takes(paths: Sequence[str | os.PathLike[str]]) -> list[Take]:
 
 
 def write_small(take: Take, path: Path) -> None:
-    """Write a take whose motion is rounded to 0.1 mm and 0.1 mrad."""
+    """Write a take whose motion is rounded to 0.1 mm and 0.1 mrad, and no folder is named."""
     motion = take.motion
     assert motion is not None, "a piano's take has a motion"
     names = ("actions", "qpos", "fingertips")
     rounded: dict[str, Any] = {name: _few_digits(getattr(motion, name)) for name in names}
     small = Motion(hand_qpos=motion.hand_qpos, **rounded)
-    replace(take, motion=small).write(path)
+    replace(take, motion=small, player=_FOLDERS.sub("", take.player)).write(path)
 
 
 def _few_digits(array: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

@@ -125,7 +125,8 @@ def test_the_recording_of_a_piece_is_its_best_take_and_others_come_first(exporte
     )
     onset_f1 = {player: one["onset_f1"] for player, one in piece["expected"].items()}
     assert onset_f1["recorded"] == max(onset_f1.values())
-    better = replace(own, player="best", metrics={**own.metrics, "onset_f1": 1.5})
+    who = "planned:plan=/home/me/best.npz,feedback=0.5"
+    better = replace(own, player=who, metrics={**own.metrics, "onset_f1": 1.5})
     better.write(tmp_path / "best.npz")
     replace(own, player="worse", metrics={**own.metrics, "onset_f1": 0.0}).write(tmp_path / "w.npz")
     other = sight_read(score_of((0, 0.4, 60), title="another"))
@@ -137,8 +138,10 @@ def test_the_recording_of_a_piece_is_its_best_take_and_others_come_first(exporte
     pieces = json.loads(export_web(folder, [SHORT], takes=[tmp_path]).read_text())["pieces"]
     assert [(one["id"], one["recorder"]) for one in pieces] == [
         ("another-Sight-reader", "Sight-reader"),
-        ("A_broken_chord", "best"),
+        ("A_broken_chord", "Plan, refined in simulation"),
     ]
+    recorded = Take.read(folder / pieces[1]["recording"])
+    assert recorded.player == "planned:plan=best.npz,feedback=0.5", "no folder of the machine"
     assert "score" not in pieces[0]
     assert [(one["id"], one["recorder"]) for one in pieces[1]["versions"]] == [
         ("A_broken_chord-Flat", "Flat"),

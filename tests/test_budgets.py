@@ -55,7 +55,7 @@ LONG_WORK_LINES = 2_998
 TOTALS = {
     "core": {"lines": 50_892, "modules": 337, "names": 226},
     "lab": {"lines": 7_695, "modules": 57, "names": 23},
-    "tests": {"lines": 40_774},
+    "tests": {"lines": 40_795},
 }
 
 

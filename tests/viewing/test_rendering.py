@@ -72,6 +72,27 @@ def test_a_renderer_that_is_freed_while_another_draws_changes_nothing_in_its_pic
     drawing.close()
 
 
+@needs_gl
+def test_a_lean_picture_is_smoother_than_one_sample_a_pixel():
+    scene = compile_scene()
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_forward(scene.model, data)
+
+    def drawn(scale: int) -> np.ndarray:
+        size = {"width": 320 * scale, "height": 240 * scale}
+        renderer = FrameRenderer(scene, camera="overview", lean=True, **size)
+        picture = renderer.render(data, {}).astype(float)
+        renderer.close()
+        return picture
+
+    fine = drawn(4)
+    smooth = fine.reshape(240, 4, 320, 4, 3).mean(axis=(1, 3))
+    error, of_one_sample = (
+        np.sqrt(np.square(picture - smooth).mean()) for picture in (drawn(1), fine[1::4, 1::4])
+    )
+    assert error < 0.8 * of_one_sample
+
+
 @pytest.mark.slow
 @needs_gl
 def test_rendering_leaves_everything_as_it_was_and_a_copy_draws_the_same():

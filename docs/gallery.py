@@ -69,7 +69,7 @@ def main() -> None:
             write_midi(load_score(clip.piece).excerpt(0.0, SECONDS), piece)
             with OpenPlayer.open(clip.player, score=piece) as player:
                 take = take_of(player)
-            picture = Picture(width=480, height=270, view=clip.view, fps=30)
+            picture = Picture(width=854, height=480, view=clip.view, fps=30)
             files = write_take(take, Path(name, clip.name), picture)
             if files.video is None:
                 raise SystemExit(f"No picture can be drawn here: {files.problem}")

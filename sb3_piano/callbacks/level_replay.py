@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -23,6 +23,8 @@ from sb3_piano.settings import Share, checked
 
 Values = Callable[[Any], FloatArray]
 """Value function: stacked observations (n, ...) to V (n,)."""
+LevelScore: TypeAlias = Literal["advantage", "unexplained", "progress"]
+"""What a piece is rated by."""
 
 
 class LevelReplayCallback(BaseCallback):
@@ -36,6 +38,11 @@ class LevelReplayCallback(BaseCallback):
 
         delta_t = r_t + gamma V(o_t+1) - V(o_t)
         A_t = sum over l from 0 on of (gamma gae_lambda)^l delta_t+l
+
+    That grows with what happens in a piece. ``score="unexplained"`` divides it by the mean absolute
+    deviation of the episode's returns A_t + V(o_t): 0 if the critic foresees them all, 1 if it
+    knows no more than their mean. ``score="progress"`` is the change of F1 since the piece's last
+    episode, up or down, or since that of playing nothing.
 
     V is the value function of PPO, A2C and TRPO. For SAC, TD3, DDPG, TQC and CrossQ it is the mean
     over the critics of Q at the policy's mode. V is 0 after a terminated episode, but not after a
@@ -66,17 +73,26 @@ class LevelReplayCallback(BaseCallback):
         beta: Temperature, above 0: the smaller, the more the highest score is preferred.
         rho: Share of the draws that go by waiting time, 0 to 1.
         gae_lambda: Decay of the advantage estimate, 0 to 1.
+        score: ``"advantage"``, the paper's, ``"unexplained"`` or ``"progress"``.
 
     Raises:
-        ConfigError: If a number is out of range; when training starts, if no environment chooses
+        ConfigError: If an argument is out of range; when training starts, if no environment chooses
             among several pieces, or the algorithm has no values.
     """
 
-    def __init__(self, beta: float = 0.5, rho: float = 0.3, gae_lambda: float = 0.95) -> None:
+    def __init__(
+        self,
+        beta: float = 0.5,
+        rho: float = 0.3,
+        gae_lambda: float = 0.95,
+        score: LevelScore = "advantage",
+    ) -> None:
         super().__init__()
         self.sampler = LevelSampler((), beta, rho)
         """Scores and visits of the pieces so far."""
         self._gae_lambda: float = checked("gae_lambda", gae_lambda, Share)
+        self._score: LevelScore = checked("score", score, LevelScore)
+        self._f1: dict[str, float] = {}
         self._values: Values
         self._choice: PieceChoice
         self._owners: dict[str, list[int]]
@@ -84,8 +100,8 @@ class LevelReplayCallback(BaseCallback):
         self._rollouts: dict[int, Rollout] = {}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return scores and visits, in JSON's types."""
-        return self.sampler.state_dict()
+        """Return scores and visits, and F1 of the last episodes, in JSON's types."""
+        return {**self.sampler.state_dict(), "f1": self._f1}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore scores and visits; pieces that no longer exist are left out.
@@ -93,10 +109,13 @@ class LevelReplayCallback(BaseCallback):
         Raises:
             ConfigError: If it is no such state.
         """
-        self.sampler.load_state_dict(state)
+        of_sampler = dict(state)
+        self._f1 = dict(checked("f1", of_sampler.pop("f1", {}), Mapping[str, float]))
+        self.sampler.load_state_dict(of_sampler)
 
     def _init_callback(self) -> None:
-        self._values = value_function(self.model)
+        if self._score != "progress":
+            self._values = value_function(self.model)
         self._choice = PieceChoice(self.training_env, type(self).__name__)
         self._owners = defaultdict(list)
         for env, own in self._choice.pieces.items():
@@ -141,19 +160,36 @@ class LevelReplayCallback(BaseCallback):
         name = self._playing[env]
         if name is None:
             return
-        surprises = [self._surprise(self._rollouts[i], infos[i]) for i in self._agents(env)]
-        score = float(np.mean(surprises))  # episodes of agents are equally long
+        if self._score == "progress":
+            score = self._progress(name, infos[env * self._choice.agents])
+        else:
+            surprises = [self._surprise(self._rollouts[i], infos[i]) for i in self._agents(env)]
+            score = float(np.mean(surprises))  # episodes of agents are equally long
         self.sampler.rate(name, score)
         self.logger.record_mean("level_replay/score", score)
 
+    def _progress(self, name: str, info: Mapping[str, Any]) -> float:
+        """Return how much F1 has changed since a piece's last episode."""
+        before = self._f1.get(name, info["noop_f1"])
+        self._f1[name] = f1 = float(info["f1"])
+        return abs(f1 - before)
+
     def _surprise(self, rollout: Rollout, info: Mapping[str, Any]) -> float:
-        """Return the mean absolute advantage over an episode, given its last info."""
+        """Return the mean absolute advantage over an episode, given its last info.
+
+        It is a share of what the critic could be surprised by if that is the score.
+        """
         values = self._values(_stacked([*rollout.observations, info["terminal_observation"]]))
         if not info.get("TimeLimit.truncated", False):
             values[-1] = 0.0
         gamma: float = self.model.gamma  # type: ignore[attr-defined]  # all with values have it
         found = advantages(np.array(rollout.rewards), values, gamma, self._gae_lambda)
-        return float(np.abs(found).mean())
+        surprise = float(np.abs(found).mean())
+        if self._score == "advantage":
+            return surprise
+        returns = found + values[:-1]
+        spread = float(np.abs(returns - returns.mean()).mean())
+        return surprise / spread if spread > 0 else 0.0
 
     def _set_weights(self) -> None:
         """Set the probabilities of each environment's pieces, and log their state."""

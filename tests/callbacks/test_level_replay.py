@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from yaml_rows import Tables
 
 from sb3_piano.callbacks import Checkpoint, LevelReplayCallback
-from sb3_piano.callbacks.level_replay import advantages
+from sb3_piano.callbacks.level_replay import Rollout, advantages
 from sb3_piano.callbacks.level_sampler import Level, LevelSampler, gini, score_shares
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
@@ -180,6 +180,58 @@ class TestScores:
         assert_scores_of_rows(model, callback)
         ended = model.replay_buffer.dones.astype(bool)
         assert (model.replay_buffer.timeouts[ended] == 0).any() == kind.startswith("ended")
+
+    def test_the_unexplained_share_is_one_for_a_critic_that_knows_the_mean(self):
+        callback = Scores(score="unexplained", gae_lambda=1.0)
+        model = model_of(on_pieces(THREE))
+        model.learn(1, callback=callback)
+        rewards = [1.0, 0.0, 2.0, 0.5]
+        # gae_lambda is 1: advantages are returns less values, whatever comes after the end
+        returns = [sum(0.8 ** (k - t) * rewards[k] for k in range(t, 4)) for t in range(4)]
+        for values, expected in (
+            ([*returns, 0.0], 0.0),
+            ([np.mean(returns)] * 4 + [0.0], 1.0),
+            ([2 * one - np.mean(returns) for one in returns] + [0.0], 1.0),
+        ):
+            rollout = Rollout(observations=[np.zeros(1)] * 4, rewards=rewards)
+            callback._values = lambda _, values=values: np.array(values)
+            info = {"terminal_observation": np.zeros(1)}
+            assert callback._surprise(rollout, info) == pytest.approx(expected, abs=1e-12)
+
+    @pytest.mark.parametrize("agents", [1, 2])
+    def test_progress_is_the_change_of_f1_since_the_last_episode(self, agents):
+        ends = []
+
+        class Ends(BaseCallback):
+            """Keep F1 of each episode."""
+
+            def _on_step(self):
+                infos = self.locals["infos"][::agents]
+                dones = self.locals["dones"][::agents]
+                ends.extend(
+                    (info["f1"], info["noop_f1"])
+                    for done, info in zip(dones, infos, strict=True)
+                    if done
+                )
+                return True
+
+        options = {"observation": "hands", "reduced_action_space": False}
+        venv = DummyVecEnv([lambda: HandActions(HandReward(piano(**options)))])
+        callback = Scores(score="progress")
+        model = model_of(HandsAsAgents(venv) if agents == 2 else venv)
+        seen = Played()
+        model.learn(agents * 60, callback=[callback, seen, Ends()])
+        last, expected = {}, []
+        for (f1, noop_f1), name in zip(ends, seen.titles, strict=False):
+            expected.append(abs(f1 - last.get(name, noop_f1)))
+            last[name] = f1
+        given = [score for *_, score in callback.scores]
+        assert len(given) > 4
+        assert given == pytest.approx(expected)
+        again = LevelReplayCallback(score="progress")
+        again.load_state_dict(json.loads(json.dumps(callback.state_dict())))
+        assert again.state_dict() == callback.state_dict()
+        again.load_state_dict(callback.sampler.state_dict())  # of a checkpoint up to 0.2
 
     def test_hands_as_agents_share_the_piece(self):
         options = {"observation": "hands", "reduced_action_space": False}

@@ -29,7 +29,7 @@ LINES = {
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
-    "jobs": 729,
+    "jobs": 736,
     "lab": 7_695,
     "metrics": 1_416,
     "music": 9_090,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 2_998
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_928, "modules": 337, "names": 226},
+    "core": {"lines": 50_935, "modules": 337, "names": 226},
     "lab": {"lines": 7_695, "modules": 57, "names": 23},
-    "tests": {"lines": 40_847},
+    "tests": {"lines": 40_854},
 }
 
 

@@ -127,7 +127,8 @@ class _Worker:
     def __init__(self) -> None:
         theirs, self.requests = multiprocessing.Pipe(duplex=False)
         self._answers, answers = multiprocessing.Pipe(duplex=False)
-        self.process = start_process(_serve, theirs, answers, _ONE_THREAD | os.environ)
+        environment = _ONE_THREAD | os.environ
+        self.process = start_process(_serve, theirs, answers, environment, sys.orig_argv)
         theirs.close()
         answers.close()
 
@@ -147,8 +148,14 @@ class _Worker:
         return found
 
 
-def _serve(requests: Connection, answers: Connection, environment: Mapping[str, str]) -> None:
+def _serve(
+    requests: Connection,
+    answers: Connection,
+    environment: Mapping[str, str],
+    command: list[str],
+) -> None:
     """Run the jobs from one pipe and send their results through another, until both close."""
+    sys.orig_argv[:] = command  # which made what the jobs write, so that their records name it
     if hasattr(os, "setpgid"):  # signals of the parent's group are the parent's to handle
         os.setpgid(0, 0)
     os.environ.clear()

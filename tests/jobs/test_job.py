@@ -1,6 +1,7 @@
 """Jobs that are killed, interrupted, changed or fail: what is done stays, the rest goes on."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from waiting import PATIENCE, wait_for
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.jobs import Here, Job, finish, map_jobs, open_executor, status
+from sb3_piano.training.runs.provenance import provenance
 
 
 def is_alive(pid):
@@ -317,3 +319,8 @@ def test_a_worker_computes_in_one_thread_even_if_others_started_the_server_of_pr
     program = [sys.executable, "-c", SERVED_BEFORE]
     done = subprocess.run(program, capture_output=True, text=True, env=environment)
     assert "threads 1" in done.stdout, done.stderr
+
+
+def test_runs_of_a_worker_name_the_command_that_the_user_gave():
+    with open_executor(1) as executor:
+        assert executor.submit(provenance, 0).result()["command"] == shlex.join(sys.orig_argv)

@@ -7,24 +7,22 @@ A study is a YAML file: at most so many ``minutes`` of one core for each trainin
 steps an evaluation, ``seeds``, ``envs`` (ids) and ``pieces`` (names or files), of which only the
 first ``seconds`` where it names some, and ``variants``: for each name the algorithm (``algo``), the
 preset's entry ``default`` in place of the piece's (``published``), another ``file`` than the
-preset's or "fast", a player to be corrected (``player``), and ``settings`` laid over these. The
-player's and ``fingering``'s "{piece}" is the piece's name.
+preset's or "fast", a player to be corrected (``player``), a run whose networks are the beginning
+(``start``), and ``settings`` laid over these. "{piece}" in the player and ``fingering`` is the
+piece's name, "{seed}" in ``start`` the seed.
 
 Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
 episode in an environment of its own, always on the reference physics; the clock stands still
 meanwhile. A training is a file of JSON lines in ``--out``: stop it and call it again to go on with
-those that are not whole. In the end there are a table of the first and the last models, with
-intervals over seeds, and ``curves.png``.
+those that are not whole. In the end there are a table of the first and the last models, mean
+[least, greatest] of the seeds, and ``curves.png``.
 """
 
 from __future__ import annotations
 
 import argparse
-import concurrent.futures
 import dataclasses
 import json
-import multiprocessing
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -42,9 +40,10 @@ from stable_baselines3.common.vec_env import VecNormalize, sync_envs_normalizati
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.envs import GENERAL_ID
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs import map_jobs, open_executor
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.training import RunConfig, load_config, load_fine_tuning
-from sb3_piano.training.evaluation.statistics import summarize
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 
 METRICS = {"f1": "F1", "onset_f1": "onset F1"}
@@ -63,6 +62,7 @@ class Variant:
     published: bool = False
     file: str | None = None
     player: str | None = None
+    start: str | None = None
     settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def config(self, piece: Piece, seed: int) -> RunConfig:
@@ -76,6 +76,9 @@ class Variant:
             kwargs = {**gym.spec(env_id).kwargs, **kwargs}
             env_id = GENERAL_ID
         given |= {"env_kwargs": kwargs, "seed": seed, "vec_env": "dummy"}
+        if self.start is not None:
+            start = {"run": self.start.format(seed=seed)}
+            given["callback"] = [{"sb3_piano.training.StartFromRun": start}]
         if self.player is not None:
             player = self.player.format(piece=piece.name)
             return load_fine_tuning(self.algo, env_id, player=player, **given)
@@ -175,8 +178,9 @@ class TimedEvaluation(BaseCallback):
         self.start = time.process_time()
 
 
-def run(variant: Variant, piece: Piece, seed: int, study: Study, file: Path) -> None:
+def run(training: tuple[Variant, Piece, int, Study, Path]) -> None:
     """Train until the time is up; the file has its name when it is whole."""
+    variant, piece, seed, study, file = training
     torch.set_num_threads(1)
     config = variant.config(piece, seed)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -196,30 +200,21 @@ def file_of(out: Path, variant: str, piece: Piece, seed: int) -> Path:
     return out / variant / f"{piece.name}-{seed}.jsonl"
 
 
-def train_all(study: Study, out: Path, jobs: int) -> None:
+def train_all(study: Study, out: Path, jobs: int | None) -> None:
     """Train what is not whole yet."""
-    todo = [cell for cell in study.cells() if not file_of(out, *cell).is_file()]
-    context = multiprocessing.get_context("spawn")
+    todo = [
+        (study.variants[name], piece, seed, study, file)
+        for name, piece, seed in study.cells()
+        if not (file := file_of(out, name, piece, seed)).is_file()
+    ]
     with (
+        stop_on_signal() as request,
+        open_executor(jobs) as executor,
         Progress(console=Console(stderr=True)) as progress,
-        concurrent.futures.ProcessPoolExecutor(jobs, context, max_tasks_per_child=1) as pool,
     ):
         bar = progress.add_task(f"{len(todo)} trainings of {study.minutes:g} min", total=len(todo))
-        futures = {
-            pool.submit(
-                run, study.variants[name], piece, seed, study, file_of(out, name, piece, seed)
-            )
-            for name, piece, seed in todo
-        }
-        try:
-            for future in concurrent.futures.as_completed(futures):
-                future.result()
-                progress.advance(bar)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in multiprocessing.active_children():
-                process.terminate()
-            raise
+        for _ in map_jobs(executor, run, todo, request):
+            progress.advance(bar)
 
 
 def rows_of(file: Path) -> list[Row]:
@@ -229,8 +224,9 @@ def rows_of(file: Path) -> list[Row]:
 
 def report(study: Study, out: Path) -> None:
     """Print the last models' table, and draw the curves."""
-    print("| variant | piece | seeds | steps | F1 before | F1 | onset F1 before | onset F1 |")
-    print("|---|---|---:|---:|---:|---:|---:|---:|")
+    before = " | ".join(f"{name} before | {name}" for name in METRICS.values())
+    print(f"| variant | piece | seeds | steps | {before} | fingers |")
+    print("|---|---|---:|---:|---:|---|---:|---|---:|")
     figure, axes = plt.subplots(
         len(METRICS),
         len(study.pieces),
@@ -276,24 +272,24 @@ def mean_of(rows: Sequence[Row]) -> Row:
 
 
 def print_row(name: str, piece: str, ends: Sequence[Ends]) -> None:
-    """Print means over seeds, those of the last models with their intervals."""
+    """Print means over seeds, those of the last models with the least and the greatest."""
     if not ends:
         return
     first, last = zip(*ends, strict=True)
     steps = np.mean([row["steps"] for row in last])
     scores = " | ".join(
         f"{np.mean([row[metric] for row in first]):.3f} | "
-        f"{interval_text([row[metric] for row in last])}"
+        f"{range_text([row[metric] for row in last])}"
         for metric in METRICS
     )
-    print(f"| {name} | {piece} | {len(last)} | {steps:,.0f} | {scores} |")
+    fingers = np.mean([row.get("fingers", np.nan) for row in last])
+    print(f"| {name} | {piece} | {len(last)} | {steps:,.0f} | {scores} | {fingers:.1f} |")
 
 
-def interval_text(values: Sequence[float]) -> str:
-    """Return a mean with its interval as text."""
-    found = summarize(values)
-    ends = "" if found.interval is None else " [{:.2f}, {:.2f}]".format(*found.interval)
-    return f"{found.mean:.3f}{ends}"
+def range_text(values: Sequence[float]) -> str:
+    """Return a mean, with the least and the greatest of several, as text."""
+    ends = f" [{min(values):.3f}, {max(values):.3f}]" if len(values) > 1 else ""
+    return f"{np.mean(values):.3f}{ends}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -304,12 +300,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add = parser.add_argument
     add("study", type=Path, help="the YAML file")
     add("--out", type=Path, required=True, help="folder of the evaluations")
-    add("--jobs", type=int, default=os.cpu_count(), help="trainings at a time; default: cores")
+    add("--jobs", type=int, help="trainings at a time; default: cores")
     add("--report", action="store_true", help="train nothing, report what there is")
     given = parser.parse_args(arguments)
     study = Study.from_yaml(given.study, given.out)
     if not given.report:
-        train_all(study, given.out, given.jobs)
+        try:
+            train_all(study, given.out, given.jobs)
+        except KeyboardInterrupt:
+            print("Interrupted: the same command goes on from here.")
+            raise SystemExit(130) from None
     elif not any(file_of(given.out, *cell).is_file() for cell in study.cells()):
         parser.error(
             f"There is no training of '{given.study}' in '{given.out}': expected one that has "

@@ -108,7 +108,7 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     study = learning["Study"].from_yaml(file, out)
     for name, piece, seed in study.cells():
         made = learning["file_of"](out, name, piece, seed)
-        learning["run"](study.variants[name], piece, seed, study, made)
+        learning["run"]((study.variants[name], piece, seed, study, made))
         rows = [json.loads(line) for line in made.read_text().splitlines()]
         assert [row["steps"] for row in rows] == sorted({row["steps"] for row in rows})
         assert rows[0]["steps"] == 0 < rows[-1]["cpu_seconds"]

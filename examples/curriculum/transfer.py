@@ -15,14 +15,17 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs import map_jobs, open_executor
 from sb3_piano.pipelines import load_curriculum, run_curriculum
@@ -35,6 +38,8 @@ COLUMNS = {"f1": "F1", "non_silent_f1": "non-silent F1", "onset_f1": "onset F1",
 
 Metrics = dict[tuple[str, int], dict[str, float]]
 """By piece and number of the stage."""
+Row = dict[str, Any]
+"""Cell of the table: each metric has a number for each seed."""
 
 
 @dataclass(frozen=True)
@@ -84,23 +89,31 @@ def trained(chain: Chain) -> tuple[str, Metrics]:
     return chain.name, found
 
 
-def table(found: Mapping[str, Sequence[Metrics]]) -> list[str]:
-    """Return the table's lines, of what the chains of each name reached, one entry a seed."""
-    lines = [f"| piece | trained | {' | '.join(COLUMNS.values())} |"]
-    lines.append("|" + " --- |" * (2 + len(COLUMNS)))
+def rows_of(found: Mapping[str, Sequence[Metrics]]) -> list[Row]:
+    """Return the table's cells, of what the chains of each name reached, one entry a seed."""
+    rows: list[Row] = []
     for piece in TARGETS:
         number = PIECES.index(piece) + 1
-        rows = {
+        cells = {
             "after easier ones": ("stages", number),
             "after them, exploring anew": (f"{piece}_anew", 1),
             "alone, as many steps of it": (piece, 1),
             "alone, as many steps in all": (piece, number),
         }
-        for text, (name, stage) in rows.items():
+        for text, (name, stage) in cells.items():
             of_seeds = [metrics[piece, stage] for metrics in found[name]]
-            columns = [over_seeds([mean[metric] for mean in of_seeds]) for metric in COLUMNS]
-            lines.append(f"| {piece} | {text} | {' | '.join(columns)} |")
-    return lines
+            columns = {metric: [mean[metric] for mean in of_seeds] for metric in COLUMNS}
+            rows.append({"piece": piece, "trained": text, **columns})
+    return rows
+
+
+def print_table(rows: Sequence[Row]) -> None:
+    """Print means over seeds."""
+    print(f"| piece | trained | {' | '.join(COLUMNS.values())} |")
+    print("|" + " --- |" * (2 + len(COLUMNS)))
+    for row in rows:
+        columns = [over_seeds(row[metric]) for metric in COLUMNS]
+        print(f"| {row['piece']} | {row['trained']} | {' | '.join(columns)} |")
 
 
 def main() -> int:
@@ -110,12 +123,16 @@ def main() -> int:
     add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="default: 0 1 2")
     add("--steps", type=int, metavar="N", help="of each stage; default: those of repertoire.yml")
     add("--runs", type=Path, default=Path("runs/curriculum/transfer"), metavar="DIR")
+    add("--report", type=Path, metavar="FILE", help="print the table of a results.json, no more")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--workers", type=int, metavar="N", help="trainings at once; default: one a core"
     )
     where.add_argument("--ray", metavar="ADDRESS", help="train on a cluster that sees the runs")
     arguments = parser.parse_args()
+    if arguments.report is not None:
+        print_table(json.loads(arguments.report.read_text("utf-8"))["cells"])
+        return 0
     runs = arguments.runs.absolute()
     ways = {"stages": PIECES} | {piece: (piece,) * (PIECES.index(piece) + 1) for piece in TARGETS}
     chains = [
@@ -150,7 +167,9 @@ def main() -> int:
         return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
-    print("\n".join(table(found)))
+    rows = rows_of(found)
+    write_json(runs / "results.json", {"cells": rows})
+    print_table(rows)
     return 0
 
 

@@ -2,6 +2,7 @@
 
     python examples/curriculum/tree.py               # trains what is missing, and prints the table
     python examples/curriculum/tree.py --seeds 0     # of one seed: a third of the time
+    python examples/curriculum/tree.py --report examples/curriculum/kept/tree.json
 
 Table 2 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", at a size
 for one core: six trainings of five minutes, then trees of 64 simulations, 1 and 8 control steps
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,45 +32,66 @@ UNTRAINED = "untrained"
 TREES = (None, "64x1", "64x8", "256x8x0.5")
 COLUMNS = ("onset F1", "F1", "fingers", "return", "deepest", "share of visits")
 
+Row = dict[str, Any]
+"""What a seed's policy reaches on a piece with a tree, or without."""
+
 
 def main() -> int:
     """Train, search and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     add = parser.add_argument
     add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="default: 0 1 2")
-    add("--steps", type=int, metavar="N", help="default: those of tree.yml")
+    add("--steps", type=int, metavar="N", help="default: those of right_hand.yml")
     add("--runs", type=Path, default=Path("runs/curriculum/tree"), metavar="DIR")
+    add("--report", type=Path, metavar="FILE", help="print the table of a results.json, no more")
     arguments = parser.parse_args()
-    rows = [("policy", "piece", "tree", *COLUMNS), ("---",) * (3 + len(COLUMNS))]
+    if arguments.report is not None:
+        print_table(json.loads(arguments.report.read_text("utf-8"))["cells"])
+        return 0
     policies = [(KNOWN, KNOWN), (KNOWN, UNSEEN), (UNTRAINED, UNSEEN)]
     cells = [(policy, piece, tree) for policy, piece in policies for tree in TREES]
+    rows: list[Row] = []
     try:
         for policy, piece, tree in [*cells, (UNSEEN, UNSEEN, None)]:
-            found = []
             for seed in arguments.seeds:
                 folder = arguments.runs / f"{policy}_seed_{seed}"
                 steps = 8 if policy == UNTRAINED else arguments.steps
                 run = trained(folder, UNSEEN if policy == UNTRAINED else policy, seed, steps)
                 if run.interrupted:
                     raise KeyboardInterrupt
-                found.append(played(folder, piece, tree, run.num_timesteps))
-            columns = zip(*found, strict=True)
-            measured = [[value for value in column if value is not None] for column in columns]
-            rows.append((policy, piece, tree or "-", *map(over_seeds, measured)))
+                found = played(folder, piece, tree, run.num_timesteps)
+                cell = {"policy": policy, "piece": piece, "tree": tree, "seed": seed}
+                rows.append(cell | dict(zip(COLUMNS, found, strict=True)))
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
-    for row in rows:
-        print("|", " | ".join(name.removeprefix("repertoire-") for name in row), "|")
+    write_json(arguments.runs / "results.json", {"cells": rows})
+    print_table(rows)
     return 0
+
+
+def print_table(rows: Sequence[Row]) -> None:
+    """Print means over seeds."""
+    print(f"| policy | piece | tree | {' | '.join(COLUMNS)} |")
+    print("|" + " --- |" * (3 + len(COLUMNS)))
+    cells: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        names = (row["policy"], row["piece"], row["tree"] or "-")
+        cells.setdefault(names, []).append(row)
+    for names, of_seeds in cells.items():
+        measured = [[row[name] for row in of_seeds if row[name] is not None] for name in COLUMNS]
+        shown = [*(name.removeprefix("repertoire-") for name in names), *map(over_seeds, measured)]
+        print(f"| {' | '.join(shown)} |")
 
 
 def trained(folder: Path, piece: str, seed: int, steps: int | None) -> TrainResult:
     """Bring a training to its end, unless it is interrupted."""
     options = {} if steps is None else {"n_timesteps": steps}
-    config = load_config("sac", f"RoboPianist-{piece}-v0", HERE / "tree.yml", seed=seed, **options)
+    config = load_config(
+        "sac", f"RoboPianist-{piece}-v0", HERE / "right_hand.yml", seed=seed, **options
+    )
     if (folder / "config.yml").is_file():
         return resume(folder, config.n_timesteps)
     return train(config, folder)

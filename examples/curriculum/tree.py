@@ -17,6 +17,7 @@ import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from seeds import over_seeds
@@ -30,7 +31,14 @@ HERE = Path(__file__).parent
 KNOWN, UNSEEN = "repertoire-PathetiqueRondo", "repertoire-FantaisieImpromptu"
 UNTRAINED = "untrained"
 TREES = (None, "64x1", "64x8", "256x8x0.5")
-COLUMNS = ("onset F1", "F1", "fingers", "return", "deepest", "share of visits")
+COLUMNS = {
+    "onset_f1": "onset F1",
+    "f1": "F1",
+    "effective_fingers": "fingers",
+    "deepest": "depth reached",
+    "visit_share": "visits to the best",
+}
+FLOOR = 0.05  # F1 above that of playing nothing
 
 Row = dict[str, Any]
 """What a seed's policy reaches on a piece with a tree, or without."""
@@ -60,8 +68,7 @@ def main() -> int:
                 if run.interrupted:
                     raise KeyboardInterrupt
                 found = played(folder, piece, tree, run.num_timesteps)
-                cell = {"policy": policy, "piece": piece, "tree": tree, "seed": seed}
-                rows.append(cell | dict(zip(COLUMNS, found, strict=True)))
+                rows.append({"policy": policy, "piece": piece, "tree": tree, "seed": seed} | found)
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130
@@ -74,16 +81,18 @@ def main() -> int:
 
 def print_table(rows: Sequence[Row]) -> None:
     """Print means over seeds."""
-    print(f"| policy | piece | tree | {' | '.join(COLUMNS)} |")
+    print(f"| policy | piece | tree | {' | '.join(COLUMNS.values())} |")
     print("|" + " --- |" * (3 + len(COLUMNS)))
     cells: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
-        names = (row["policy"], row["piece"], row["tree"] or "-")
+        names = (row["policy"], row["piece"], row["tree"] or "none")
         cells.setdefault(names, []).append(row)
-    for names, of_seeds in cells.items():
-        measured = [[row[name] for row in of_seeds if row[name] is not None] for name in COLUMNS]
-        shown = [*(name.removeprefix("repertoire-") for name in names), *map(over_seeds, measured)]
-        print(f"| {' | '.join(shown)} |")
+    for names, seeds in cells.items():
+        shown = {name: over_seeds([row[name] for row in seeds if name in row]) for name in COLUMNS}
+        if fmean(row["f1"] - row["noop_f1"] for row in seeds) < FLOOR:
+            shown["f1"] += " floor"
+        cell = [*(name.removeprefix("repertoire-") for name in names), *shown.values()]
+        print(f"| {' | '.join(cell)} |")
 
 
 def trained(folder: Path, piece: str, seed: int, steps: int | None) -> TrainResult:
@@ -97,11 +106,8 @@ def trained(folder: Path, piece: str, seed: int, steps: int | None) -> TrainResu
     return train(config, folder)
 
 
-def played(folder: Path, piece: str, tree: str | None, steps: int) -> list[float | None]:
-    """Return what a policy of so many steps reaches with a tree or without, one for each column.
-
-    Without a tree the last two are ``None``.
-    """
+def played(folder: Path, piece: str, tree: str | None, steps: int) -> dict[str, float]:
+    """Return what a policy of so many steps reaches with a tree or without."""
     file = folder / "trees" / f"{piece}_{tree}.json"
     found: dict[str, Any] = json.loads(file.read_text("utf-8")) if file.is_file() else {}
     if found.get("num_timesteps") != steps:  # the training may have gone on since
@@ -109,9 +115,8 @@ def played(folder: Path, piece: str, tree: str | None, steps: int) -> list[float
         file.parent.mkdir(exist_ok=True)
         found = evaluate(player, score=piece).to_json()
         write_json(file, found)
-    mean, seen = found["mean"], found["tree"] or dict.fromkeys(("deepest", "visit_share"))
-    names = ("onset_f1", "f1", "effective_fingers", "return")
-    return [*(mean[name] for name in names), seen["deepest"], seen["visit_share"]]
+    numbers = {**found["mean"], **(found["tree"] or {})}
+    return {name: numbers[name] for name in (*COLUMNS, "noop_f1") if name in numbers}
 
 
 if __name__ == "__main__":

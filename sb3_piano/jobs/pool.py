@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -127,8 +127,8 @@ class _Worker:
     def __init__(self) -> None:
         theirs, self.requests = multiprocessing.Pipe(duplex=False)
         self._answers, answers = multiprocessing.Pipe(duplex=False)
-        environment = _ONE_THREAD | os.environ
-        self.process = start_process(_serve, theirs, answers, environment, sys.orig_argv)
+        made_by = _ONE_THREAD | os.environ, sys.orig_argv
+        self.process = start_process(_serve, theirs, answers, *made_by)
         theirs.close()
         answers.close()
 
@@ -148,24 +148,19 @@ class _Worker:
         return found
 
 
-def _serve(
-    requests: Connection,
-    answers: Connection,
-    environment: Mapping[str, str],
-    command: list[str],
-) -> None:
+def _serve(asked: Connection, answers: Connection, environ: Any, command: list[str]) -> None:
     """Run the jobs from one pipe and send their results through another, until both close."""
     sys.orig_argv[:] = command  # which made what the jobs write, so that their records name it
     if hasattr(os, "setpgid"):  # signals of the parent's group are the parent's to handle
         os.setpgid(0, 0)
     os.environ.clear()
-    os.environ.update(environment)
+    os.environ.update(environ)
     torch: Any = sys.modules.get("torch")  # a server from before imported it with other threads
-    if torch is not None and environment["OMP_NUM_THREADS"].isdecimal():
-        torch.set_num_threads(int(environment["OMP_NUM_THREADS"]))
+    if torch is not None and environ["OMP_NUM_THREADS"].isdecimal():
+        torch.set_num_threads(int(environ["OMP_NUM_THREADS"]))
     todo: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     ending = threading.Event()
-    threading.Thread(target=_listen, args=(requests, todo, ending), daemon=True).start()
+    threading.Thread(target=_listen, args=(asked, todo, ending), daemon=True).start()
     stop_looking()
     while not ending.is_set():
         answer = _answer(todo.get())

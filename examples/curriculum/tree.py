@@ -38,6 +38,8 @@ COLUMNS = {
     "deepest": "depth reached",
     "visit_share": "visits to the best",
 }
+DIGITS = {"effective_fingers": 1, "deepest": 1, "visit_share": 2}
+"""Of columns that have no range."""
 FLOOR = 0.05  # F1 above that of playing nothing
 
 Row = dict[str, Any]
@@ -88,10 +90,13 @@ def print_table(rows: Sequence[Row]) -> None:
         names = (row["policy"], row["piece"], row["tree"] or "none")
         cells.setdefault(names, []).append(row)
     for names, seeds in cells.items():
-        shown = {name: over_seeds([row[name] for row in seeds if name in row]) for name in COLUMNS}
+        measured = {name: [row[name] for row in seeds if name in row] for name in COLUMNS}
+        shown = [over_seeds(measured["onset_f1"]), over_seeds(measured["f1"])]
         if fmean(row["f1"] - row["noop_f1"] for row in seeds) < FLOOR:
-            shown["f1"] += " floor"
-        cell = [*(name.removeprefix("repertoire-") for name in names), *shown.values()]
+            shown[1] += " floor"
+        for name, digits in DIGITS.items():
+            shown.append(f"{fmean(measured[name]):.{digits}f}" if measured[name] else "")
+        cell = [*(name.removeprefix("repertoire-") for name in names), *shown]
         print(f"| {' | '.join(cell)} |")
 
 

@@ -24,8 +24,8 @@ def rows_of(arguments, folder):
 
 
 def as_on_pages(text):
-    """Return text with numbers below 1 as the pages have them, .25 for 0.25."""
-    return re.sub(r"\b0\.", ".", text)
+    """Return text with shares as the pages have them, .25 for 0.25."""
+    return re.sub(r"\b0\.(?=\d\d)", ".", text)
 
 
 def test_trees(tmp_path):

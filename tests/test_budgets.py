@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_000
 TOTALS = {
     "core": {"lines": 50_930, "modules": 337, "names": 226},
     "lab": {"lines": 7_695, "modules": 57, "names": 23},
-    "tests": {"lines": 40_854},
+    "tests": {"lines": 40_915},
 }
 
 

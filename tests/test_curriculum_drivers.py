@@ -2,13 +2,16 @@
 
 import dataclasses
 import importlib
+import runpy
 import sys
 from pathlib import Path
 
 import pytest
 
 from sb3_piano.callbacks import Checkpoint
+from sb3_piano.pipelines import load_curriculum
 from sb3_piano.training import RunFolder, StartFromRun
+from sb3_piano.wrappers import HandReward
 
 FOLDER = Path(__file__).parents[1] / "examples" / "curriculum"
 
@@ -17,7 +20,7 @@ FOLDER = Path(__file__).parents[1] / "examples" / "curriculum"
 def driver(monkeypatch):
     """Return a function that imports a driver as the command line does."""
     monkeypatch.syspath_prepend(str(FOLDER))
-    names = ("grid", "transfer", "seeds")
+    names = ("transfer", "seeds")
     yield importlib.import_module
     for name in names:
         sys.modules.pop(name, None)
@@ -51,30 +54,21 @@ def test_a_chain_trains_each_stage_from_the_one_before_and_is_kept(driver, tmp_p
     assert start == {"run": str(runs[1]), "with_entropy": False}
 
 
-@pytest.mark.parametrize("labels", ["shown", "hidden"])
-@pytest.mark.parametrize("start", [None, "practice/3"])
-def test_a_cell_of_the_grid_has_its_labels_weight_and_start(driver, labels, start):
-    grid = driver("grid")
-    config = grid.cell(labels, 0.25, None if start is None else Path(start), 2, 100)
-    assert (config.seed, config.n_timesteps) == (2, 100)
-    assert config.env_kwargs["reward_weights"] == {"fingering": 0.25}
-    wrappers = [plugin.path.rpartition(".")[2] for plugin in config.env_wrapper]
-    assert ("HideFingering" in wrappers) == (labels == "hidden")
-    starts = [plugin.kwargs for plugin in config.callback if plugin.path.endswith("StartFromRun")]
-    assert starts == ([] if start is None else [{"run": str(Path(start).absolute())}])
-
-
-@pytest.mark.slow
-def test_practice_is_what_a_cell_starts_from(driver, tmp_path):
-    grid = driver("grid")
-    seed, last = grid.practised(grid.Practice(tmp_path, seed=1, steps=40))
-    assert seed == 1
-    assert last == tmp_path / "practice_seed_1" / "3_tempo_40"
-    config = grid.cell("hidden", 1.0, last, 1, 40)
-    job = grid.TrainingJob(name="Hanon_hidden_1", folder=tmp_path / "cell", config=config)
-    (outcome,) = grid.finish([job], workers=1)
-    assert outcome.error is None
-    assert {*grid.METRICS} <= {*outcome.result["metrics"]}
+def test_what_begins_with_hanon_begins_where_practice_of_its_seed_ends(tmp_path):
+    root = FOLDER.parents[1]
+    study = runpy.run_path(str(root / "benchmarks" / "learning.py"))["Study"].from_yaml(
+        root / "benchmarks" / "learning" / "hanon.yml", tmp_path
+    )
+    practice = load_curriculum(FOLDER / "practice.yml")
+    for name, variant in study.variants.items():
+        config = variant.config(study.pieces[0], 2)
+        (last,) = config.callback
+        starts = last.is_a(StartFromRun)
+        assert starts == name.startswith("Hanon")
+        if starts:
+            assert last.kwargs == {"run": f"runs/practice/2/{practice.run_names[-1]}"}
+        (reward,) = (one for one in config.env_wrapper if one.is_a(HandReward))
+        assert reward.kwargs.get("fingering", 1.0) == float(name[-1])
 
 
 def test_figures_over_seeds_are_the_mean_the_least_and_the_greatest(driver):

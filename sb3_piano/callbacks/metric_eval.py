@@ -119,9 +119,9 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
             model that plays already is then the best one until it has become better.
 
     Raises:
-        ConfigError: If a number is out of range; when training starts, if the training's
-            environment cannot be copied or is one of Gymnasium's own; at an evaluation, if ``info``
-            lacks the metric, or a wrapper around the ``Monitor`` ends an episode.
+        ConfigError: If a number is out of range, or ``eval_env`` is one of Gymnasium's own; when
+            training starts, if the training's is, or cannot be copied; at an evaluation, if
+            ``info`` lacks the metric, or a wrapper around the ``Monitor`` ends an episode.
         RunError: When a training goes on, if ``best_model.json`` is damaged.
     """
 
@@ -179,6 +179,8 @@ class MetricEvalCallback(OwnEnvCallback, EvalCallback):
         self.evaluated_at: list[int] = []
         """Environment steps that were done at each evaluation."""
         self._makes_env = eval_env is None
+        if not self._makes_env:
+            self._refuse_other_tasks()
         self._goes_on = True
 
     def use_run(self, run: RunContext) -> None:

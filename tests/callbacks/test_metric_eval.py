@@ -4,6 +4,7 @@ import json
 import math
 import re
 
+import gymnasium
 import numpy as np
 import pytest
 from acting import ActAt, Noted
@@ -294,3 +295,5 @@ def test_an_environment_without_the_metric_is_named(model):
     with pytest.raises(ConfigError, match="cannot evaluate Pendulum-v1.*no 'f1': expected a piano"):
         model.learn(300, F1Callback(eval_freq=5))
     assert model.num_timesteps == 0
+    with pytest.raises(ConfigError, match="F1Callback cannot evaluate CartPole-v1"):  # at once
+        F1Callback(gymnasium.make("CartPole-v1"))

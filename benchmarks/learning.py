@@ -78,7 +78,10 @@ class Variant:
         given |= {"env_kwargs": kwargs, "seed": seed, "vec_env": "dummy"}
         if self.start is not None:
             start = {"run": self.start.format(seed=seed)}
-            given["callback"] = [{"sb3_piano.training.StartFromRun": start}]
+            given["callback"] = [
+                *given.get("callback", []),
+                {"sb3_piano.training.StartFromRun": start},
+            ]
         if self.player is not None:
             player = self.player.format(piece=piece.name)
             return load_fine_tuning(self.algo, env_id, player=player, **given)

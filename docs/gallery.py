@@ -1,7 +1,7 @@
 """The videos of docs/gallery.md: a few seconds of pieces, by players and by an agent that learned.
 
     python docs/gallery.py                # all
-    python docs/gallery.py nocturne       # one, after five minutes of training on one core
+    python docs/gallery.py nocturne       # one, after 100,000 steps of training
 
 It writes docs/gallery/*.mp4, and prints how well each was played.
 """

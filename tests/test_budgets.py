@@ -22,7 +22,7 @@ LINES = {
     "base": 2_577,
     "batch": 2_497,
     "buffers": 654,
-    "callbacks": 2_932,
+    "callbacks": 2_933,
     "cli": 3_440,
     "demonstrations": 1_502,
     "envs": 2_699,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_932, "modules": 337, "names": 226},
+    "core": {"lines": 50_933, "modules": 337, "names": 226},
     "lab": {"lines": 7_695, "modules": 57, "names": 23},
-    "tests": {"lines": 40_918},
+    "tests": {"lines": 40_961},
 }
 
 

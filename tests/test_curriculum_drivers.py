@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import json
 import runpy
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.pipelines import load_curriculum
+from sb3_piano.pipelines import load_curriculum, run_curriculum
 from sb3_piano.training import RunFolder, StartFromRun
 from sb3_piano.wrappers import HandReward
 
@@ -54,11 +55,53 @@ def test_a_chain_trains_each_stage_from_the_one_before_and_is_kept(driver, tmp_p
     assert start == {"run": str(runs[1]), "with_entropy": False}
 
 
-def test_what_begins_with_hanon_begins_where_practice_of_its_seed_ends(tmp_path):
-    root = FOLDER.parents[1]
-    study = runpy.run_path(str(root / "benchmarks" / "learning.py"))["Study"].from_yaml(
-        root / "benchmarks" / "learning" / "hanon.yml", tmp_path
+def test_a_report_has_the_mean_the_least_and_the_greatest_of_each_cell(driver, capsys):
+    transfer = driver("transfer")
+    found = {}
+    for name in ("stages", *transfer.TARGETS, *(f"{piece}_anew" for piece in transfer.TARGETS)):
+        keys = [(piece, number) for piece in transfer.PIECES for number in range(1, 5)]
+        value = 0.5 if name == "stages" else 0.25
+        found[name] = [dict.fromkeys(keys, dict.fromkeys(transfer.COLUMNS, v)) for v in (0, value)]
+    transfer.print_table(json.loads(json.dumps(transfer.rows_of(found))))
+    rows = capsys.readouterr().out.splitlines()[2:]
+    assert len(rows) == 8
+    assert rows[0].startswith("| ClairDeLune | after easier ones | 0.250 [0.000, 0.500] |")
+    assert rows[1].startswith("| ClairDeLune | after them, exploring anew | 0.125 [0.000, 0.250] |")
+
+
+@pytest.mark.slow
+def test_a_study_trains_on_from_what_practice_has_learnt(tmp_path, monkeypatch):
+    monkeypatch.chdir(FOLDER.parents[1])
+    practice = load_curriculum(FOLDER / "practice.yml")
+    tiny = {"n_timesteps": 16}
+    stages = [
+        dataclasses.replace(stage, until=None, settings={**stage.settings, **tiny})
+        for stage in practice.stages
+    ]
+    short = dataclasses.replace(practice, stages=tuple(stages), seed=1)
+    *_, last = run_curriculum(short, tmp_path / "practice", progress_bar=False)
+    learning, study = hanon(tmp_path)
+    variant = dataclasses.replace(
+        study.variants["Hanon, weight 0"],
+        start=str(last.job.folder),
+        settings={**study.variants["Hanon, weight 0"].settings, **tiny},
     )
+    file = tmp_path / "of_seed_1.jsonl"
+    learning["run"]((variant, study.pieces[0], 1, study, file))
+    first, *_, end = (json.loads(row)["steps"] for row in file.read_text().splitlines())
+    assert first == 0 < end
+
+
+def hanon(folder):
+    """Return the module of the studies, and that of Hanon before a piece."""
+    root = FOLDER.parents[1]
+    learning = runpy.run_path(str(root / "benchmarks" / "learning.py"))
+    file = root / "benchmarks" / "learning" / "hanon.yml"
+    return learning, learning["Study"].from_yaml(file, folder)
+
+
+def test_what_begins_with_hanon_begins_where_practice_of_its_seed_ends(tmp_path):
+    _, study = hanon(tmp_path)
     practice = load_curriculum(FOLDER / "practice.yml")
     for name, variant in study.variants.items():
         config = variant.config(study.pieces[0], 2)

@@ -5,7 +5,7 @@
     python examples/curriculum/tree.py --report examples/curriculum/kept/tree.json
 
 Table 2 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", at a size
-for one core: six trainings of five minutes, then trees of 64 simulations, 1 and 8 control steps
+for one core: six trainings of eight minutes, then trees of 64 simulations, 1 and 8 control steps
 deep, and narrow ones of 256, which do get that deep. An untrained policy searches as well, to see
 what comes of the simulator alone. What is finished is kept: the same command goes on after Ctrl-C
 or a crash.

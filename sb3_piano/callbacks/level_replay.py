@@ -77,7 +77,7 @@ class LevelReplayCallback(BaseCallback):
 
     Raises:
         ConfigError: If an argument is out of range; when training starts, if no environment chooses
-            among several pieces, or the algorithm has no values.
+            among several pieces, or the algorithm has no values and the score needs them.
     """
 
     def __init__(
@@ -151,7 +151,8 @@ class LevelReplayCallback(BaseCallback):
     def _begin(self, env: int, *, is_new: bool = True) -> None:
         """Record the piece that an environment begins."""
         self._playing[env] = name = self._choice.playing(env)
-        self._rollouts |= {agent: Rollout() for agent in self._agents(env)}
+        if self._score != "progress":  # which needs no more than the end of an episode
+            self._rollouts |= {agent: Rollout() for agent in self._agents(env)}
         if name is not None and is_new:
             self.sampler.visit(name)
 
@@ -177,7 +178,7 @@ class LevelReplayCallback(BaseCallback):
     def _surprise(self, rollout: Rollout, info: Mapping[str, Any]) -> float:
         """Return the mean absolute advantage over an episode, given its last info.
 
-        It is a share of what the critic could be surprised by if that is the score.
+        For the score "unexplained" it is divided by the mean deviation of the returns.
         """
         values = self._values(_stacked([*rollout.observations, info["terminal_observation"]]))
         if not info.get("TimeLimit.truncated", False):

@@ -148,16 +148,16 @@ class _Worker:
         return found
 
 
-def _serve(asked: Connection, answers: Connection, environ: Any, command: list[str]) -> None:
+def _serve(asked: Connection, answers: Connection, env: dict[str, str], argv: list[str]) -> None:
     """Run the jobs from one pipe and send their results through another, until both close."""
-    sys.orig_argv[:] = command  # which made what the jobs write, so that their records name it
+    sys.orig_argv[:] = argv  # which made what the jobs write, so that their records name it
     if hasattr(os, "setpgid"):  # signals of the parent's group are the parent's to handle
         os.setpgid(0, 0)
     os.environ.clear()
-    os.environ.update(environ)
+    os.environ.update(env)
     torch: Any = sys.modules.get("torch")  # a server from before imported it with other threads
-    if torch is not None and environ["OMP_NUM_THREADS"].isdecimal():
-        torch.set_num_threads(int(environ["OMP_NUM_THREADS"]))
+    if torch is not None and env["OMP_NUM_THREADS"].isdecimal():
+        torch.set_num_threads(int(env["OMP_NUM_THREADS"]))
     todo: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     ending = threading.Event()
     threading.Thread(target=_listen, args=(asked, todo, ending), daemon=True).start()

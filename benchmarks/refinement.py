@@ -14,7 +14,6 @@ the joints that forearms have.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -44,13 +43,11 @@ def row(
     spent = time.process_time() - start
     cells = [cell(played(env, pianist), spent)]
     start = time.process_time()
-    with contextlib.closing(
-        Refinement(plan, env.scene, pianist.settings, n_threads=1)
-    ) as refinement:
-        for _ in range(passes):
-            refinement.run(passes=1)
-            spent = time.process_time() - start
-            cells.append(cell(told(env, refinement.plan.commands), spent))
+    refinement = Refinement(plan, env.scene, pianist.settings, n_threads=1)
+    for _ in range(passes):
+        refinement.run(passes=1)
+        spent = time.process_time() - start
+        cells.append(cell(told(env, refinement.plan.commands), spent))
     if samples > 0:
         sampling = PredictiveSampling(env, samples=samples, n_threads=1)
         start = time.process_time()

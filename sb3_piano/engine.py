@@ -18,5 +18,6 @@ except Exception:  # each library fails in its own way: RuntimeError, AttributeE
         import mujoco
     finally:
         os.environ["MUJOCO_GL"] = chosen
+from mujoco.batch import Batch
 
-__all__ = ["mujoco"]
+__all__ = ["Batch", "mujoco"]

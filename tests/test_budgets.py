@@ -19,8 +19,8 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 2_577,
-    "batch": 2_497,
+    "base": 2_578,
+    "batch": 2_487,
     "buffers": 654,
     "callbacks": 2_933,
     "cli": 3_440,
@@ -34,12 +34,12 @@ LINES = {
     "metrics": 1_416,
     "music": 9_090,
     "pipelines": 1_009,
-    "planning": 3_144,
-    "players": 2_318,
+    "planning": 3_073,
+    "players": 2_321,
     "policies": 1_737,
     "reading": 403,
-    "simulation": 898,
-    "training": 6_328,
+    "simulation": 986,
+    "training": 6_327,
     "tuning": 1_260,
     "vec_env": 480,
     "viewing": 2_623,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_933, "modules": 337, "names": 226},
+    "core": {"lines": 50_943, "modules": 338, "names": 227},
     "lab": {"lines": 7_695, "modules": 57, "names": 23},
-    "tests": {"lines": 40_961},
+    "tests": {"lines": 41_058},
 }
 
 

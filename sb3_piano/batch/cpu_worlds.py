@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import functools
-import importlib
 import warnings
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import torch
 
 from sb3_piano.batch.worlds import Tensor, Worlds
-from sb3_piano.engine import mujoco
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.engine import Batch, mujoco
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.settings import Count, checked
 from sb3_piano.simulation import PianoScene
 from sb3_piano.simulation.compiling import assemble_scene, attach_parts, scene_parts
+from sb3_piano.simulation.simulation import INSTABILITIES
 from sb3_piano.threads import usable_cores
-
-_BROKEN = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 
 
 class CpuWorlds(Worlds):
@@ -34,7 +30,7 @@ class CpuWorlds(Worlds):
         varied: Names of the model's fields of which each world has its own.
 
     Raises:
-        ConfigError: If ``n_threads`` is not valid, or this MuJoCo has no ``mujoco.batch``.
+        ConfigError: If ``n_threads`` is not valid.
     """
 
     def __init__(
@@ -46,31 +42,25 @@ class CpuWorlds(Worlds):
         varied: Sequence[str] = (),
     ):
         super().__init__(scene, count, n_substeps, torch.device("cpu"))
-        try:
-            made = importlib.import_module("mujoco.batch").Batch  # in MuJoCo since 3.17
-        except ImportError:
-            raise ConfigError(
-                f"MuJoCo {mujoco.__version__} has no mujoco.batch: expected 3.17 or later."
-            ) from None
         n_threads = checked("n_threads", n_threads, Count | None) or usable_cores()
         self.n_threads = min(n_threads, count)
         """Threads that step the worlds."""
         self._stage = mujoco.mjtStage.mjSTAGE_VEL.value
         model = _with_noted_keys(scene, n_substeps)
-        self._batch = made(model, count, self.n_threads, persistent=True)
+        self._batch = Batch(model, count, self.n_threads, persistent=True)
         self.fields = {name: torch.from_numpy(self._batch.expand(name)) for name in varied}
         self.qpos, self.qvel = self._view("qpos"), self._view("qvel")
         self.geom_xpos, self.site_xpos = self._view("geom_xpos"), self._view("site_xpos")
         self.actuator_force = self._view("actuator_force")
         self.actuator_velocity = self._view("actuator_velocity")
         self._ctrl = self._batch.bind("ctrl")
-        self._warnings = self._batch.warning[:, _BROKEN, 1]  # counts
+        self._warnings = self._batch.warning[:, INSTABILITIES, 1]  # counts
         self._warned, self._none = self._warnings.sum(axis=1), self.lost
         # For each key: two numbers, the sample times, the angles at these.
         history = torch.from_numpy(self._batch.bind("history"))
         self._noted = history.view(count, len(scene.key_qpos), -1)[:, :, -n_substeps:][:, :, 1:]
         if len(scene.sides) > 1:
-            self._take_forearms(made)
+            self._take_forearms()
 
     def _view(self, name: str) -> Tensor:
         with warnings.catch_warnings():  # the arrays of MuJoCo's results are read-only
@@ -142,13 +132,13 @@ class CpuWorlds(Worlds):
         self._arms.forward(ids, stage=mujoco.mjtStage.mjSTAGE_POS.value)
         return torch.from_numpy(near & (self._arm_contacts > 0))
 
-    def _take_forearms(self, batch: Any) -> None:
+    def _take_forearms(self) -> None:
         """Make worlds of both forearms alone, as the contacts of a batch cannot be read.
 
         Their contacts are the same: the shapes, their places and the routine are.
         """
         model = _forearms(self.scene)
-        self._arms = batch(model, self.count, self.n_threads)
+        self._arms = Batch(model, self.count, self.n_threads)
         self._arm_qpos, self._arm_contacts = self._arms.bind("qpos"), self._arms.bind("ncon")
         names = [model.joint(joint).name for joint in range(model.njnt)]
         joints = [self.scene.model.joint(name).qposadr[0] for name in names]

@@ -6,7 +6,6 @@ hands' plans, and these become a plan. Only the hands' plans take long to comput
 
 from __future__ import annotations
 
-import contextlib
 import functools
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -111,9 +110,9 @@ def plan(
         return made
     from sb3_piano.planning.refinement import Refinement  # imports this module
 
-    with contextlib.closing(Refinement(made, scene, settings)) as refinement:
-        refinement.run(passes=passes)
-        return refinement.plan
+    refinement = Refinement(made, scene, settings)
+    refinement.run(passes=passes)
+    return refinement.plan
 
 
 class HandTasks(NamedTuple):

@@ -158,10 +158,6 @@ class Refinement:
             self.plan = _as_played(self.plan, self._best)
             on_pass()
 
-    def close(self) -> None:
-        """End the threads that simulate."""
-        self._roll_outs.close()
-
     def _hurried(self) -> Plan:
         """Make another plan of the piece, with shorter leaps."""
         hurry = self._settings.hurry + _HURRY

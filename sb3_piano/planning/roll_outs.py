@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sb3_piano.arrays import FloatArray
-from sb3_piano.engine import mujoco
+from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.metrics.presses import strike_speeds
+from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.planning.correction import Correction
 from sb3_piano.simulation import PianoScene, Simulation
-from sb3_piano.threads import ThreadTeam, usable_cores
+from sb3_piano.simulation.simulations import Simulations
 
 
 class Way(NamedTuple):
@@ -47,7 +47,7 @@ class RollOut(NamedTuple):
 
 
 class RollOuts:
-    """Parallel simulations of motions in a scene.
+    """Simulations of motions in a scene, side by side.
 
     All numbers are rounded as between the environment and a player that reads its observations. The
     same commands in an environment give the same motion, to the bit.
@@ -69,73 +69,61 @@ class RollOuts:
             correction: Feedback on deviations from the followed motion.
             n_threads: Threads that simulate, the calling one included; by default one for each
                 usable core.
-            watched: Whether the speeds of keys are measured, which takes a seventh of the time.
+            watched: Whether the speeds of keys are measured.
         """
-        self._scene, self._watched = scene, watched
-        self._n_substeps = n_substeps
-        self._correction = correction
-        threads = usable_cores() if n_threads is None else n_threads
-        self._team = ThreadTeam(threads, threads)
-        self._simulations = [Simulation(scene, n_substeps) for _ in range(threads)]
-        self._joints = scene.hand_qpos
+        self._scene, self._n_substeps, self._watched = scene, n_substeps, watched
+        self._correction, self._n_threads = correction, n_threads
+        self._simulations = Simulations(scene, n_substeps, 1, n_threads)
         self._middle = (scene.ctrl_high + scene.ctrl_low) / 2
         self._half_range = (scene.ctrl_high - scene.ctrl_low) / 2
 
     def start(self) -> FloatArray:
         """Return the initial state of an episode."""
-        data = mujoco.MjData(self._scene.model)
-        state = np.empty(self._simulations[0].state_size)
-        mujoco.mj_getState(self._scene.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-        return state
+        return Simulation(self._scene, self._n_substeps).get_state()
 
     def run(self, state: FloatArray, step: int, ways: Sequence[Way]) -> list[RollOut]:
-        """Simulate motions from one state, that before control step ``step``."""
-        results: list[RollOut | None] = [None] * len(ways)
-        n_threads = self._team.n_threads
+        """Simulate motions of equal length from one state, that before control step ``step``."""
+        if len(ways) > self._simulations.count:
+            parts = (self._scene, self._n_substeps, len(ways), self._n_threads)
+            self._simulations = Simulations(*parts)
+        scene, simulations, each = self._scene, self._simulations, np.arange(len(ways))
+        commands, positions = map(np.stack, zip(*ways, strict=True))
+        told, been = np.empty_like(commands), np.empty_like(commands)
+        angles = np.zeros((*commands.shape[:2], NUM_KEYS))
+        speeds, stable = np.zeros_like(angles), np.ones(len(ways), dtype=bool)
+        simulations.begin(state, len(ways))
+        for i in range(commands.shape[1]):
+            been[:, i] = self._positions(each)
+            wanted = commands[:, i] + self._correction(step + i, been[:, i] - positions[:, i])
+            told[:, i] = np.minimum(np.maximum(wanted, scene.ctrl_low), scene.ctrl_high)
+            before = simulations.qpos[each, scene.key_slice]
+            moved = simulations.advance(each, self._rounded(told[:, i]), watched=self._watched)
+            stable &= moved.stable
+            angles[:, i] = scene.key_angle(simulations)[each]
+            if moved.key_angles is not None:
+                speeds[:, i] = self._speeds(before, moved.key_angles)
+        columns = (simulations.state[each], told, been, self._positions(each), angles)
+        return [
+            RollOut(end, Way(*way), position, keys, bool(whole), fast)
+            for end, *way, position, keys, whole, fast in zip(*columns, stable, speeds, strict=True)
+        ]
 
-        def job(thread: int) -> None:
-            for row in range(thread, len(ways), n_threads):
-                results[row] = self._play(self._simulations[thread], state, step, ways[row])
+    def _speeds(self, before: FloatArray, within: FloatArray) -> FloatArray:
+        """Compute the speeds of keys that went down in the last control step, (N, 88) rad/s.
 
-        self._team.run(job)
-        return [result for result in results if result is not None]
+        Args:
+            before: (N, k) angles of the moving keys before it, rad.
+            within: (N, p, k) after each physics step.
+        """
+        angles = self._scene.of_all_keys(np.concatenate([before[:, None], within], axis=1))
+        sounding = angles >= self._scene.key_sounding_angle
+        speeds = strike_speeds(angles, sounding[:, 1:]) / self._scene.model.opt.timestep
+        return np.where(sounding[:, 0], 0.0, speeds)
 
-    def close(self) -> None:
-        """End the threads."""
-        self._team.close()
-
-    def _play(self, simulation: Simulation, state: FloatArray, step: int, way: Way) -> RollOut:
-        scene, data = self._scene, simulation.data
-        told, been = np.empty_like(way.commands), np.empty_like(way.commands)
-        angles = np.zeros((len(told), len(scene.key_sounding_angle)))
-        speeds = np.zeros_like(angles)
-        simulation.set_state(state)
-        stable = True
-        for i in range(len(told)):
-            been[i] = self._positions(data)
-            commands = way.commands[i] + self._correction(step + i, been[i] - way.positions[i])
-            told[i] = np.minimum(np.maximum(commands, scene.ctrl_low), scene.ctrl_high)
-            if not simulation.advance(self._rounded(told[i]), watched=self._watched):
-                stable = False
-                break
-            angles[i] = scene.key_angle(data)
-            if self._watched:
-                speeds[i] = self._speeds(simulation)
-        end = self._positions(data)
-        return RollOut(simulation.get_state(), Way(told, been), end, angles, stable, speeds)
-
-    def _speeds(self, simulation: Simulation) -> FloatArray:
-        """Compute the speeds of keys that went down in the last control step, (88,) rad/s."""
-        steps = [simulation.key_angles_before, *simulation.key_angles]
-        angles = self._scene.angles_of(steps)[None]
-        within = angles >= self._scene.key_sounding_angle
-        speeds = strike_speeds(angles, within[:, 1:])[0] / self._scene.model.opt.timestep
-        return np.where(within[0, 0], 0.0, speeds)
-
-    def _positions(self, data: mujoco.MjData) -> FloatArray:
+    def _positions(self, which: IntArray) -> FloatArray:
         """Compute actuator positions from joints rounded as in observations, to 32-bit floats."""
-        joints = data.qpos[self._joints].astype(np.float32).astype(float)
-        return self._correction.positions(joints)
+        joints = self._simulations.qpos[which][:, self._scene.hand_qpos].astype(np.float32)
+        return self._correction.positions(joints.astype(float))
 
     def _rounded(self, told: FloatArray) -> FloatArray:
         """Round commands as in an action, to 32-bit floats."""

@@ -13,11 +13,13 @@ from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.sampling.cost import COST_FROM_ZERO, SamplingCost
 from sb3_piano.planning.sampling.noise import NOISE_FROM_ZERO, Candidates, SamplingNoise
-from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
+from sb3_piano.planning.sampling.search import CandidateSearch, simulations_of
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.players.planned import Trackers
 from sb3_piano.players.policy import PianoPolicy
 from sb3_piano.settings import Count, Index, checked
+from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.simulations import Simulations
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
@@ -107,7 +109,7 @@ class PredictiveSampling(PianoPolicy):
         self.set_random_seed(seed)
         self._episodes: list[_Episode | None] = [None] * len(self._pianos)
         # Made here, so that errors are raised at once.
-        self._simulations = [self._make_simulations(piano) for piano in self._pianos]
+        self._made = [self._make(piano) for piano in self._pianos]
 
     def set_random_seed(self, seed: int) -> None:
         """Seed the candidates as for a new player with this seed."""
@@ -134,22 +136,23 @@ class PredictiveSampling(PianoPolicy):
     def _episode(self, slot: int, step: int) -> _Episode:
         """Return the state of the present episode, or begin one."""
         piano, known = self._pianos[slot], self._episodes[slot]
-        moved = self._simulations[slot].source is not piano.scene  # other keys are rigid now
-        if moved:
-            self._simulations[slot] = self._make_simulations(piano)
+        made_for, simulations = self._made[slot]
+        if made_for is not piano.scene:  # other keys are rigid now
+            self._made[slot] = self._make(piano)
+            simulations = self._made[slot][1]
         elif known is not None and known.roll is piano.roll and known.next_step == step:
             return known
         candidates = Candidates(self._noise, piano.scene, self._horizon)
         tracker = self._trackers.of(piano) if self._planned else None
-        search = CandidateSearch(
-            piano.roll, self._simulations[slot], tracker, candidates, self._cost
-        )
+        search = CandidateSearch(piano.roll, simulations, tracker, candidates, self._cost)
         begun = _Episode(piano.roll, candidates, search)
         self._episodes[slot] = begun
         return begun
 
-    def _make_simulations(self, piano: PianoEnv) -> Simulations:
-        return Simulations(piano, self._physics, self._samples, self._n_threads)
+    def _make(self, piano: PianoEnv) -> tuple[PianoScene, Simulations]:
+        """Return the environment's scene, and simulations for it."""
+        made = simulations_of(piano, self._physics, self._samples, self._n_threads)
+        return piano.scene, made
 
 
 class _Episode:

@@ -134,15 +134,15 @@ class PianoScene:
         return np.asarray(self.actuator_of_joint @ joints)
 
     def key_angle(self, data: mujoco.MjData) -> FloatArray:
-        """Return each key's angle, (88,) rad, clipped to its range (joint limits are soft)."""
-        return self.clipped_key_angle(data.qpos[self.key_slice])
+        """Return each key's angle, (88,) rad, clipped to its range (joint limits are soft).
+
+        Of ``Simulations`` as ``data`` it is (N, 88), and so with fingertips and press points.
+        """
+        return self.clipped_key_angle(data.qpos[..., self.key_slice])
 
     def clipped_key_angle(self, angle: FloatArray) -> FloatArray:
-        """Return each key's angle, (88,) rad, clipped to its range, from the moving keys', (n,)."""
-        angle = np.maximum(angle, self.key_min_angle)
-        if len(angle) < NUM_KEYS:
-            angle, moving = np.zeros(NUM_KEYS), angle
-            angle[self.moving_keys] = moving
+        """Return each key's angle, (..., 88) rad, clipped to its range, from the moving keys'."""
+        angle = self.of_all_keys(np.maximum(angle, self.key_min_angle))
         # For so few numbers three times as fast as np.clip, or as scalar bounds.
         return np.minimum(angle, self.key_max_angle)
 
@@ -152,30 +152,35 @@ class PianoScene:
 
     def angles_of(self, angles: Iterable[bytes]) -> FloatArray:
         """Extend angles of the moving keys (float64, rad) to all keys, (n, 88)."""
-        moving = self.moving_keys
-        rows = np.frombuffer(b"".join(angles)).reshape(-1, len(self.key_qpos))
-        rigid = (moving.start, NUM_KEYS - moving.stop)
-        return np.pad(rows, ((0, 0), rigid)) if any(rigid) else rows
+        return self.of_all_keys(np.frombuffer(b"".join(angles)).reshape(-1, len(self.key_qpos)))
+
+    def of_all_keys(self, angles: FloatArray) -> FloatArray:
+        """Extend angles of the moving keys, (..., k) rad, to all keys, (..., 88)."""
+        if angles.shape[-1] == NUM_KEYS:
+            return angles
+        everyone = np.zeros((*angles.shape[:-1], NUM_KEYS))
+        everyone[..., self.moving_keys] = angles
+        return everyone
 
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
         """Return the world positions of the fingertips by label, (10, 3) m.
 
         The fingertips of an absent hand are ``FAR_AWAY``.
         """
-        return self.by_finger(data.site_xpos.take(self.fingertip_site, axis=0))
+        return self.by_finger(data.site_xpos.take(self.fingertip_site, axis=-2))
 
     def by_finger(self, tips: FloatArray) -> FloatArray:
-        """Extend positions of the scene's fingers, (5 h, 3) m, to all fingers, (10, 3)."""
-        if len(tips) == NUM_FINGERS:
+        """Extend positions of the scene's fingers, (..., 5 h, 3) m, to all, (..., 10, 3)."""
+        if tips.shape[-2] == NUM_FINGERS:
             return tips
-        everyone = np.full((NUM_FINGERS, 3), FAR_AWAY)
-        everyone[self.fingers] = tips
+        everyone = np.full((*tips.shape[:-2], NUM_FINGERS, 3), FAR_AWAY)
+        everyone[..., self.fingers, :] = tips
         return everyone
 
     def press_point(self, data: mujoco.MjData, keys: IntArray) -> FloatArray:
         """Return the points where fingers should press the given keys, in the world, (n, 3) m."""
         geoms, offsets = self.press_geometry(keys)
-        return np.asarray(data.geom_xpos[geoms] + offsets)
+        return np.asarray(data.geom_xpos[..., geoms, :] + offsets)
 
     def press_geometry(self, keys: IntArray) -> tuple[IntArray, FloatArray]:
         """Return the geoms of keys, (...), and the offsets of their press points, (..., 3) m."""

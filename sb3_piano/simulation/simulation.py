@@ -12,7 +12,7 @@ from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.simulation.scene import PianoScene
 
 # Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.
-_INSTABILITIES = slice(
+INSTABILITIES = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
 )
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -52,7 +52,7 @@ class Simulation:
         self._ctrl = data.ctrl
         self._site_xpos = data.site_xpos
         self._keys = self.qpos[self.scene.key_slice]
-        self._instabilities = data.warning.number[_INSTABILITIES]
+        self._instabilities = data.warning.number[INSTABILITIES]
         offsets = self.scene.key_press_offset.tolist()
         self._press = list(zip(self.scene.key_geom.tolist(), offsets, strict=True))
 
@@ -66,7 +66,7 @@ class Simulation:
         self._look()
         self.read()
 
-    def advance(self, controls: FloatArray, *, watched: bool = True) -> bool:
+    def advance(self, controls: FloatArray) -> bool:
         """Simulate a control step.
 
         The position and velocity stages of the last state must be done already, by the last call or
@@ -75,7 +75,6 @@ class Simulation:
 
         Args:
             controls: (nu,) targets of the actuators.
-            watched: Whether ``key_angles`` are recorded, which takes a seventh of the time.
 
         Returns:
             Whether the physics remained stable.
@@ -84,10 +83,6 @@ class Simulation:
         self._ctrl[:] = controls
         self.key_angles_before = keys.tobytes()  # the fastest copy
         mujoco.mj_step2(model, data)
-        if not watched:
-            mujoco.mj_step(model, data, self._n_substeps - 1)
-            mujoco.mj_step1(model, data)
-            return not any(self._instabilities.tobytes())
         angles = [keys.tobytes()]
         for _ in range(1, self._n_substeps):
             mujoco.mj_step(model, data)

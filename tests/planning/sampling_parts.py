@@ -8,7 +8,7 @@ from sb3_piano.music.fingering import without_fingers
 from sb3_piano.planning import PlanSettings
 from sb3_piano.planning.sampling import NOISE_FROM_ZERO, SamplingCost
 from sb3_piano.planning.sampling.noise import Candidates
-from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
+from sb3_piano.planning.sampling.search import CandidateSearch, simulations_of
 from sb3_piano.players.sampling import PredictiveSampling
 
 # Keys near where the hands begin.
@@ -46,7 +46,7 @@ def play(env, player, n_steps):
 
 def make_search(env, physics=None, noise=NOISE_FROM_ZERO, horizon=4, n=3, tracker=None, **cost):
     candidates = Candidates(noise, env.scene, horizon)
-    simulations = Simulations(env, physics, n, 1)
+    simulations = simulations_of(env, physics, n, 1)
     return candidates, CandidateSearch(
         env.roll, simulations, tracker, candidates, SamplingCost(**cost)
     )

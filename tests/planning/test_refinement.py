@@ -1,6 +1,5 @@
 """Refinement: a plan is played in simulation, what goes wrong is tried otherwise, and is kept."""
 
-import contextlib
 import dataclasses
 import json
 
@@ -42,7 +41,7 @@ def planned(env):
 
 
 def refinement(made, env, **options):
-    return contextlib.closing(Refinement(made, env.scene, SETTINGS, **{"n_threads": 1, **options}))
+    return Refinement(made, env.scene, SETTINGS, **{"n_threads": 1, **options})
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +57,10 @@ def made(env):
 @pytest.fixture(scope="module")
 def found(made, env):
     """Return a plan that was refined by a pass, its F1 in simulation, and that of before."""
-    with refinement(made, env) as searching:
-        before = searching.f1
-        searching.run(passes=1)
-        return searching.plan, searching.f1, before
+    searching = refinement(made, env)
+    before = searching.f1
+    searching.run(passes=1)
+    return searching.plan, searching.f1, before
 
 
 @pytest.fixture(scope="module")
@@ -81,10 +80,10 @@ def file(found, env, tmp_path_factory):
 
 @pytest.mark.slow
 def test_what_is_told_of_a_plan_is_how_it_sounds_on_stage(made, env):
-    with refinement(made, env) as searching:
-        assert searching.f1 == play_episode(env, PlannedPianist(env, SETTINGS))["f1"]
-        searching.run(passes=1, should_stop=lambda: True)
-        assert searching.plan is made, "there was no time for a pass"
+    searching = refinement(made, env)
+    assert searching.f1 == play_episode(env, PlannedPianist(env, SETTINGS))["f1"]
+    searching.run(passes=1, should_stop=lambda: True)
+    assert searching.plan is made, "there was no time for a pass"
 
 
 @pytest.mark.slow
@@ -122,12 +121,12 @@ def test_hands_that_were_pushed_come_back(found, file):
 
 @pytest.mark.slow
 def test_the_result_depends_on_seed_and_passes_only(found, made, env):
-    with refinement(made, env, n_threads=2) as searching:
-        searching.run(passes=1)
-        np.testing.assert_array_equal(searching.plan.commands, found[0].commands)
-    with refinement(made, env, seed=1) as searching:
-        searching.run(passes=1)
-        assert (searching.plan.commands != found[0].commands).any()
+    searching = refinement(made, env, n_threads=2)
+    searching.run(passes=1)
+    np.testing.assert_array_equal(searching.plan.commands, found[0].commands)
+    searching = refinement(made, env, seed=1)
+    searching.run(passes=1)
+    assert (searching.plan.commands != found[0].commands).any()
 
 
 @pytest.mark.slow
@@ -135,11 +134,11 @@ def test_it_goes_on_from_a_file_and_never_gets_worse(found, file, env):
     kept = load_plan(file, env.goal.fingered_roll, env.scene)
     np.testing.assert_array_equal(kept.commands, found[0].commands)
     np.testing.assert_array_equal(kept.positions, found[0].positions)
-    with refinement(kept, env) as searching:
-        assert searching.f1 == found[1]
-        searching.run(passes=1)
-        assert searching.f1 >= found[1]
-        assert searching.plan.passes == 2
+    searching = refinement(kept, env)
+    assert searching.f1 == found[1]
+    searching.run(passes=1)
+    assert searching.f1 >= found[1]
+    assert searching.plan.passes == 2
 
 
 @pytest.mark.slow
@@ -158,26 +157,26 @@ def test_it_begins_with_the_better_parts_of_two_plans(monkeypatch):
         return place.followed.cut(slice(place.step, place.step + 4))
 
     monkeypatch.setattr(Refinement, "_search", only_follow)
-    with refinement(made, env) as searching:
-        before = searching.f1
-        searching.run(passes=1)
-        assert searching.f1 > before
-    with refinement(dataclasses.replace(made, passes=1), env) as later:
-        later.run(passes=1)
-        assert later.f1 == before, "only the first pass begins with two plans"
+    searching = refinement(made, env)
+    before = searching.f1
+    searching.run(passes=1)
+    assert searching.f1 > before
+    later = refinement(dataclasses.replace(made, passes=1), env)
+    later.run(passes=1)
+    assert later.f1 == before, "only the first pass begins with two plans"
 
 
 @pytest.mark.slow
 def test_whoever_stops_it_keeps_the_best(made, env):
     told = []
-    with refinement(made, env) as searching:
-        before = searching.f1
-        searching.run(
-            on_step=lambda done, total, f1: told.append((done, total, f1)),
-            should_stop=lambda: len(told) >= 2,
-        )
-        assert searching.f1 >= before
-        assert searching.plan.passes == 1
+    searching = refinement(made, env)
+    before = searching.f1
+    searching.run(
+        on_step=lambda done, total, f1: told.append((done, total, f1)),
+        should_stop=lambda: len(told) >= 2,
+    )
+    assert searching.f1 >= before
+    assert searching.plan.passes == 1
     done, total, f1 = told[-1]
     assert (done, total, f1) == (len(searching.plan), len(searching.plan), before)
 
@@ -194,11 +193,11 @@ def test_whoever_stops_it_keeps_the_best(made, env):
 )
 def test_one_hand_fewer_joints_and_forearms_that_turn_are_refined_too(options):
     env = stage(SHORT, **options)
-    with refinement(planned(env), env) as searching:
-        before = searching.f1
-        searching.run(passes=1)
-        assert searching.f1 >= before
-        sounds = searching.plan.commands
+    searching = refinement(planned(env), env)
+    before = searching.f1
+    searching.run(passes=1)
+    assert searching.f1 >= before
+    sounds = searching.plan.commands
     env.reset(seed=0)
     for step, commands in enumerate(sounds):
         *_, info = env.step(env.action_map.action(commands, pedal_down=False))

@@ -13,9 +13,10 @@ from sb3_piano.music import Score
 from sb3_piano.planning import sampling
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.planning.sampling.noise import Candidates, SamplingNoise
-from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
+from sb3_piano.planning.sampling.search import CandidateSearch, simulations_of
 from sb3_piano.players.planned import PlannedPianist, Trackers
 from sb3_piano.simulation import compile_scene
+from sb3_piano.simulation.simulations import Simulations
 
 
 def positions_in(env, tracker):
@@ -113,15 +114,15 @@ class Counting(Simulations):
 
     steps = 0
 
-    def advance(self, which, controls):
+    def advance(self, which, controls, **options):
         self.steps += len(which)
-        return super().advance(which, controls)
+        return super().advance(which, controls, **options)
 
 
 def test_hopeless_candidates_are_not_simulated_to_the_end():
     env = make_env()
     candidates, _ = make_search(env, horizon=5)
-    simulations = Counting(env, None, 4, 1)
+    simulations = Counting(env.scene, env.config.n_substeps, 4, 1)
     search = CandidateSearch(env.roll, simulations, None, candidates, SamplingCost(effort=1))
     nothing = candidates.none()
     hopeless = candidates.draw(4, np.random.default_rng(0)) * 100
@@ -138,7 +139,7 @@ def test_around_a_plan_nothing_is_tried_until_something_would_sound_wrong():
     nothing = candidates.none()[None]
     tried = []
     for _ in range(6):
-        simulations = Counting(env, None, 3, 1)
+        simulations = Counting(env.scene, env.config.n_substeps, 3, 1)
         search = CandidateSearch(env.roll, simulations, tracker, candidates, SamplingCost())
         new = candidates.draw(3, np.random.default_rng(0))
         best, controls = search.best(env, nothing, new)
@@ -156,9 +157,9 @@ def test_around_a_plan_nothing_is_tried_until_something_would_sound_wrong():
 class Unstable(Simulations):
     """The first simulation begins with speeds at which physics ends."""
 
-    def begin(self, piano, n):
-        super().begin(piano, n)
-        self._datas[0].qvel[:] = 1e12
+    def begin(self, state, count):
+        super().begin(state, count)
+        self._batch.bind("qvel")[0] = 1e12
 
 
 @pytest.mark.parametrize("physics", [None, "reference"])
@@ -167,7 +168,8 @@ def test_unstable_candidates_never_win_and_leave_no_trace(physics):
     candidates, _ = make_search(env)
     knots = candidates.draw(3, np.random.default_rng(2))
     parts = (None, candidates, SamplingCost())
-    simulations = Unstable(env, physics, 3, 1)
+    simulations = simulations_of(env, physics, 3, 1)
+    simulations.__class__ = Unstable
     cost = CandidateSearch(env.roll, simulations, *parts).rate(env, knots).cost
     assert cost[0] == np.inf
     assert np.isfinite(cost[1:]).all()

@@ -7,15 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sb3_piano.arrays import BoolArray, FloatArray, IntArray
-from sb3_piano.engine import mujoco
+from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.tracker import Tracker
-from sb3_piano.simulation import Simulation, compile_scene
-from sb3_piano.threads import ThreadTeam
+from sb3_piano.simulation import compile_scene
+from sb3_piano.simulation.simulations import Simulations
 
 
 class Ratings(NamedTuple):
@@ -91,7 +90,7 @@ class CandidateSearch:
         changes = self._candidates.over_horizon(knots)
         cost, first = np.zeros(len(knots)), np.zeros((len(knots), scene.model.nu))
         mistakes = np.zeros(len(knots), dtype=int)
-        simulations.begin(piano, len(knots))
+        simulations.begin(piano.simulation.get_state(), len(knots))
         left = np.arange(len(knots))
         for ahead in range(min(changes.shape[1], len(self._roll) - now)):
             if len(left) == 0:
@@ -100,8 +99,8 @@ class CandidateSearch:
             controls = np.clip(self._nominal(step, left) + change, scene.ctrl_low, scene.ctrl_high)
             if ahead == 0:
                 first = controls
-            stable = simulations.advance(left, controls)
-            angles = simulations.key_angles(left)
+            stable = simulations.advance(left, controls).stable
+            angles = scene.key_angle(simulations)[left]
             due, sounding_angle = self._roll.active[step], scene.key_sounding_angle
             mistakes[left] += wrong_keys(due, angles, sounding_angle)
             now_cost = self._cost.key_cost(due, angles, sounding_angle).sum(axis=1)
@@ -117,16 +116,20 @@ class CandidateSearch:
         """Return the nominal controls of m simulations, (m, nu) rad or m."""
         if self._tracker is None:
             return np.broadcast_to(self._at_rest, (len(which), len(self._at_rest)))
-        joints = self._simulations.joints(which)
-        return self._tracker.controls(step, self._tracker.positions(joints))
+        return self._tracker.controls(step, self._positions(which))
 
     def _hands_cost(self, step: int, which: IntArray) -> FloatArray:
         """Compute the cost of the hands' positions after a control step in m simulations, (m,)."""
         if self._tracker is None:
             return self._finger_cost(step, which)
         planned = np.asarray(self._tracker.plan.positions[step + 1])
-        positions = self._tracker.positions(self._simulations.joints(which))
-        return self._cost.plan_cost(planned, positions, self._candidates.deviation)
+        return self._cost.plan_cost(planned, self._positions(which), self._candidates.deviation)
+
+    def _positions(self, which: IntArray) -> FloatArray:
+        """Return the actuator positions in m simulations, (m, nu) rad or m."""
+        assert self._tracker is not None, "there is a plan"
+        joints = self._simulations.qpos[which][:, self._simulations.scene.hand_qpos]
+        return self._tracker.positions(joints)
 
     def _finger_cost(self, step: int, which: IntArray) -> FloatArray:
         keys, fingers = self._roll.due(step)
@@ -134,88 +137,31 @@ class CandidateSearch:
             keys, fingers = keys[fingers >= 0], fingers[fingers >= 0]
         if len(keys) == 0:
             return np.zeros(len(which))
-        tips = self._simulations.fingertips(which)
-        points = self._simulations.press_points(which, keys)
+        simulations, scene = self._simulations, self._simulations.scene
+        tips = scene.fingertip_position(simulations)[which]
+        points = scene.press_point(simulations, keys)[which]
         if self._any_finger:
             return self._cost.any_finger_cost(tips, points)
         return self._cost.finger_cost(tips[:, fingers], points)
 
 
-class Simulations:
-    """n simulations of one environment, which copy its state but never change it.
+def simulations_of(
+    piano: PianoEnv, physics: str | None, count: int, n_threads: int | None
+) -> Simulations:
+    """Build simulations that continue from an environment's states, which they never change.
 
-    Each has its own ``MjData``, so it keeps the solver's warm start from step to step, and advances
-    exactly like the environment. ``mujoco.rollout`` would lose the warm start between two control
-    steps (it returns positions and velocities only), and is no faster.
+    Args:
+        piano: The environment.
+        physics: Physics profile to simulate in; None for the environment's own model, with all
+            changes made to it.
+        count: Number of simulations.
+        n_threads: Threads to use; by default the number of cores.
+
+    Raises:
+        ConfigError: If the profile is unknown, or does not fit the control step.
     """
-
-    def __init__(self, piano: PianoEnv, physics: str | None, n: int, n_threads: int | None):
-        """Build the simulations.
-
-        Args:
-            piano: The environment.
-            physics: Physics profile to simulate in; None for the environment's own model, with all
-                changes made to it.
-            n: Number of simulations.
-            n_threads: Threads to use; by default the number of cores, but at most ``n``.
-
-        Raises:
-            ConfigError: If the profile is unknown, or does not fit the control step.
-        """
-        self.source = piano.scene
-        """Scene of the environment."""
-        config, self.scene = piano.config, piano.scene
-        if physics is not None:
-            config = dataclasses.replace(config, physics=physics)
-            self.scene = compile_scene(**{**piano.scene.options, "physics": physics})
-        self._simulations = [Simulation(self.scene, config.n_substeps) for _ in range(n)]
-        self._datas = [simulation.data for simulation in self._simulations]
-        team = ThreadTeam(n, n_threads)
-        # One slot per thread; the number of remaining simulations decides which ones it advances.
-        self._team = ThreadTeam(team.n_threads, team.n_threads)
-
-    def begin(self, piano: PianoEnv, n: int) -> None:
-        """Copy the environment's present state to the first n simulations."""
-        model, first = self.scene.model, self._datas[0]
-        if model is piano.model:
-            mujoco.mj_copyData(first, model, piano.data)
-        else:
-            self._simulations[0].set_state(piano.simulation.get_state())
-        for data in self._datas[1:n]:
-            mujoco.mj_copyData(data, model, first)
-
-    def advance(self, which: IntArray, controls: FloatArray) -> BoolArray:
-        """Simulate a control step.
-
-        Args:
-            which: The m simulations to advance; the others do not change.
-            controls: (m, nu) controls of each.
-
-        Returns:
-            (m,) bool, whether the physics of each remained stable.
-        """
-        stable = np.zeros(len(which), dtype=bool)
-        n_threads = self._team.n_threads
-
-        def job(thread: int) -> None:
-            for row in range(thread, len(which), n_threads):
-                stable[row] = self._simulations[which[row]].advance(controls[row], watched=False)
-
-        self._team.run(job)
-        return stable
-
-    def key_angles(self, which: IntArray) -> FloatArray:
-        """Return the angle of each key, (m, 88) rad."""
-        return np.stack([self.scene.key_angle(self._datas[n]) for n in which])
-
-    def joints(self, which: IntArray) -> FloatArray:
-        """Return the positions of the hands' joints, (m, j) rad or m."""
-        return np.stack([self._datas[n].qpos[self.scene.hand_qpos] for n in which])
-
-    def fingertips(self, which: IntArray) -> FloatArray:
-        """Return the positions of the fingertips, (m, 10, 3) m."""
-        return np.stack([self.scene.fingertip_position(self._datas[n]) for n in which])
-
-    def press_points(self, which: IntArray, keys: IntArray) -> FloatArray:
-        """Return the press points of k keys, (m, k, 3) m."""
-        return np.stack([self.scene.press_point(self._datas[n], keys) for n in which])
+    config, scene = piano.config, piano.scene
+    if physics is not None:
+        config = dataclasses.replace(config, physics=physics)
+        scene = compile_scene(**{**scene.options, "physics": physics})
+    return Simulations(scene, config.n_substeps, count, n_threads)

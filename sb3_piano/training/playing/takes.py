@@ -285,7 +285,6 @@ def write_plan(
             except OSError as error:
                 raise unwritable(path.parent, error) from error
 
-        with contextlib.closing(refinement):
-            keep()
-            refinement.run(minutes, passes, on_step=on_step, on_pass=keep, should_stop=should_stop)
+        keep()
+        refinement.run(minutes, passes, on_step=on_step, on_pass=keep, should_stop=should_stop)
         return Planned(piano.score.title, refinement.plan.passes, before, refinement.f1)

@@ -11,6 +11,8 @@ from sb3_piano.training import compare
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "reproductions"
+LEARNING = "../learning.md"
+CURRICULUM = "curriculum.md"
 KEPT = ROOT / "examples" / "curriculum" / "kept"
 
 
@@ -35,9 +37,17 @@ def test_trees(tmp_path):
         assert row in page
 
 
-@pytest.mark.parametrize("study", ["hanon", "fingerings", "fingerings_chromatic"])
-def test_studies(study, tmp_path):
-    page = (PAGES / "curriculum.md").read_text("utf-8").replace("**", "").replace(" floor |", " |")
+@pytest.mark.parametrize(
+    ("study", "page"),
+    [
+        ("hanon", CURRICULUM),
+        ("fingerings", CURRICULUM),
+        ("fingerings_chromatic", CURRICULUM),
+        ("algorithms", LEARNING),
+    ],
+)
+def test_studies(study, page, tmp_path):
+    page = (PAGES / page).read_text("utf-8").replace("**", "").replace(" floor |", " |")
     learning = ROOT / "benchmarks" / "learning"
     shutil.copytree(learning / "kept" / study, tmp_path / study)
     command = [str(learning.with_suffix(".py")), str(learning / f"{study}.yml")]

@@ -23,7 +23,7 @@ LINES = {
     "batch": 2_487,
     "buffers": 654,
     "callbacks": 2_933,
-    "cli": 3_440,
+    "cli": 3_446,
     "demonstrations": 1_502,
     "envs": 2_699,
     "hands": 650,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_943, "modules": 338, "names": 227},
+    "core": {"lines": 50_949, "modules": 338, "names": 227},
     "lab": {"lines": 7_695, "modules": 57, "names": 23},
-    "tests": {"lines": 41_058},
+    "tests": {"lines": 41_068},
 }
 
 

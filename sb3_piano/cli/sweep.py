@@ -20,6 +20,7 @@ from sb3_piano.cli.common import (
     progress_bar,
     whole_number,
 )
+from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,6 +49,11 @@ def _sweep(arguments: argparse.Namespace) -> int:
     from sb3_piano.jobs.folders import shared_folder
     from sb3_piano.pipelines import load_sweep, sweep
 
+    if (given := Path(arguments.file)).is_dir():
+        out = shlex.quote(arguments.file)
+        raise ConfigError(
+            f"'{given}' is a folder: expected its sweep's YAML file, and --out {out}."
+        )
     config = load_sweep(arguments.file)
     default = Path("runs/sweeps", Path(arguments.file).stem)
     for url in filter(None, (arguments.out, arguments.storage)):

@@ -55,7 +55,7 @@ LONG_WORK_LINES = 3_000
 TOTALS = {
     "core": {"lines": 50_949, "modules": 338, "names": 227},
     "lab": {"lines": 7_695, "modules": 57, "names": 23},
-    "tests": {"lines": 41_068},
+    "tests": {"lines": 41_077},
 }
 
 

@@ -37,6 +37,15 @@ def test_trees(tmp_path):
         assert row in page
 
 
+def test_easier_pieces_first(tmp_path):
+    page = (PAGES / CURRICULUM).read_text("utf-8").replace("**", "")
+    page = page.replace("| Clair de lune |", "| ClairDeLune |")
+    page = page.replace("| Maple Leaf Rag |", "| MapleLeafRag |")
+    script = ROOT / "examples" / "curriculum" / "transfer.py"
+    for row in rows_of([str(script), "--report", str(KEPT / "transfer.json")], tmp_path):
+        assert row in page
+
+
 @pytest.mark.parametrize(
     ("study", "page"),
     [

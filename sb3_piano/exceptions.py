@@ -11,6 +11,7 @@ import difflib
 import errno
 import pickle
 import re
+import traceback
 from collections.abc import Iterable, Iterator
 
 from sb3_piano.text import shortened
@@ -100,11 +101,17 @@ _NO_MEMORY = re.compile(
 
 
 def sendable(error: BaseException) -> BaseException:
-    """Return an error, or one with its text if other processes cannot read it."""
+    """Return an error, or one with its text if other processes cannot read it.
+
+    A note of it has the traceback, which pickling drops.
+    """
+    note = "In a worker:\n" + "".join(traceback.format_exception(error))
+    error.add_note(note)
     try:
         pickle.loads(pickle.dumps(error))  # many can be pickled but not unpickled
     except Exception:
-        return RunError(f"{type(error).__name__}: {one_line(error)}")
+        error = RunError(f"{type(error).__name__}: {one_line(error)}")
+        error.add_note(note)
     return error
 
 

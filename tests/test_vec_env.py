@@ -5,6 +5,7 @@ import os
 import signal
 import textwrap
 import threading
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -240,8 +241,9 @@ def test_processes_do_and_tell_what_dummy_vec_env_does(venvs):
     assert shared.env_method("get_wrapper_attr", "played", indices=[2, 1]) == plain.env_method(
         "get_wrapper_attr", "played", indices=[2, 1]
     )
-    with pytest.raises(ValueError, match="stuck"):
+    with pytest.raises(ValueError, match="stuck") as told:
         shared.env_method("fail", indices=[0])
+    assert f'{Path(__file__).name}", line' in told.value.__notes__[0]  # where it was raised
     with pytest.raises(AttributeError, match="no_such_thing"):
         shared.get_attr("no_such_thing")
     assert shared.has_attr("played")
@@ -265,8 +267,8 @@ def test_processes_go_on_after_an_error_and_after_ctrl_c_before_their_answers_we
     shared.step_async(actions)
     assert shared.reset().shape == (2, *shared.observation_space.shape)
     for method, error, told in (  # what cannot be read here leaves no answer for the next call
-        ("raise_unreadable", RunError, "^UnreadableError: these two$"),
-        ("raise_local", RunError, "^LocalError: of here$"),
+        ("raise_unreadable", RunError, "^UnreadableError: these two\nIn a worker"),
+        ("raise_local", RunError, "^LocalError: of here\nIn a worker"),
         ("unreadable", TypeError, "missing 1 required positional argument"),
     ):
         with pytest.raises(error, match=told):

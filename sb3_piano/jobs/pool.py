@@ -10,7 +10,6 @@ import queue
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
@@ -189,7 +188,6 @@ def _answer(request: bytes) -> bytes:
         function, arguments, options = pickle.loads(request)
         return pickle.dumps((False, function(*arguments, **options)))
     except BaseException as error:
-        error.add_note(f"In a worker:\n{traceback.format_exc()}")
         return pickle.dumps((True, sendable(error)))
 
 

@@ -15,7 +15,9 @@ Each training of stock SB3 is a process with one thread of torch. The determinis
 episode in an environment of its own, always on the reference physics; the clock stands still
 meanwhile. A training is a file of JSON lines in ``--out``: stop it and call it again to go on with
 those that are not whole. In the end there are a table of the first and the last models, mean
-[least, greatest] of the seeds, and ``curves.png``.
+[least, greatest] of n seeds, of several pieces also their mean and gain with 95 % intervals of a
+bootstrap over n pieces, and ``curves.png``. "floor" is an F1 less than 0.05 above that of resting
+hands.
 """
 
 from __future__ import annotations
@@ -26,13 +28,12 @@ import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-import yaml
 from rich.console import Console
 from rich.progress import Progress
 from stable_baselines3.common.callbacks import BaseCallback
@@ -40,13 +41,20 @@ from stable_baselines3.common.vec_env import VecNormalize, sync_envs_normalizati
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.jobs import map_jobs, open_executor
 from sb3_piano.music import load_score, write_midi
+from sb3_piano.plain_yaml import read_yaml_mapping
+from sb3_piano.settings import Count, Index, Listed, Nested, Positive, settings
 from sb3_piano.training import RunConfig, load_config, load_fine_tuning
+from sb3_piano.training.evaluation.statistics import summarize
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 
 METRICS = {"f1": "F1", "onset_f1": "onset F1"}
+
+FLOOR = 0.05
+"""An F1 by so much above that of resting hands, or less, is no playing."""
 
 Row = dict[str, float]
 """An evaluation."""
@@ -54,7 +62,7 @@ Ends = tuple[Row, Row]
 """The first and the last one of a training."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@settings
 class Variant:
     """Settings that are compared with others."""
 
@@ -63,7 +71,7 @@ class Variant:
     file: str | None = None
     player: str | None = None
     start: str | None = None
-    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    settings: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def config(self, piece: Piece, seed: int) -> RunConfig:
         """Return the settings of a training."""
@@ -102,9 +110,22 @@ class Piece:
         return Path(score).stem or self.env_id.removeprefix("RoboPianist-").removesuffix("-v0")
 
 
+@settings
+class StudyFile:
+    """What a study's file says."""
+
+    minutes: Positive
+    every: Count
+    seeds: Annotated[tuple[Index, ...], Listed]
+    variants: dict[str, Nested[Variant]]
+    envs: Annotated[tuple[str, ...], Listed] = ()
+    pieces: Annotated[tuple[str, ...], Listed] = ()
+    seconds: Positive | None = None
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Study:
-    """A study's file."""
+    """A study with its pieces."""
 
     minutes: float
     every: int
@@ -113,16 +134,22 @@ class Study:
     pieces: Sequence[Piece]
 
     @classmethod
-    def from_yaml(cls, path: Path, out: Path) -> Study:
-        """Read it; the beginnings of pieces are written into a folder of ``out``."""
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
-        seconds = found.pop("seconds", None)
-        pieces = [Piece(env_id=env_id) for env_id in found.pop("envs", [])]
-        for name in found.pop("pieces", []):
-            file = name if seconds is None else beginning(name, seconds, out / "pieces")
-            pieces.append(Piece(env_id=GENERAL_ID, env_kwargs={"score": str(file)}))
-        variants = {name: Variant(**given or {}) for name, given in found.pop("variants").items()}
-        return cls(pieces=pieces, variants=variants, **found)
+    def from_yaml(cls, path: Path, beginnings: Path | None) -> Study:
+        """Read it; the beginnings of pieces are written into a folder, if one is given."""
+        file = StudyFile(**read_yaml_mapping(path))
+        pieces = [Piece(env_id=env_id) for env_id in file.envs]
+        for name in file.pieces:
+            score = name
+            if file.seconds is not None and beginnings is not None:
+                score = str(beginning(name, file.seconds, beginnings))
+            pieces.append(Piece(env_id=GENERAL_ID, env_kwargs={"score": score}))
+        return cls(
+            minutes=file.minutes,
+            every=file.every,
+            seeds=file.seeds,
+            variants=file.variants,
+            pieces=pieces,
+        )
 
     def cells(self) -> Iterator[tuple[str, Piece, int]]:
         """Yield variant, piece and seed of each training, seed by seed."""
@@ -174,7 +201,7 @@ class TimedEvaluation(BaseCallback):
             observation, _, dones, infos = self.venv.step(action)
             done = bool(dones[0])
         row = {"steps": self.num_timesteps, "cpu_seconds": round(self.cpu, 1)}
-        row |= {name: round(infos[0][name], 4) for name in METRICS}
+        row |= {name: round(infos[0][name], 4) for name in (*METRICS, "noop_f1")}
         row["fingers"] = round(infos[0]["effective_fingers"], 2)
         with self.out.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
@@ -225,11 +252,33 @@ def rows_of(file: Path) -> list[Row]:
     return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
-def report(study: Study, out: Path) -> None:
-    """Print the last models' table, and draw the curves."""
+def print_table(study: Study, out: Path) -> None:
+    """Print what the trainings before and after have played."""
     before = " | ".join(f"{name} before | {name}" for name in METRICS.values())
-    print(f"| variant | piece | seeds | steps | {before} | fingers |")
-    print("|---|---|---:|---:|---:|---|---:|---|---:|")
+    print(f"| variant | piece | n | steps | minutes | {before} | fingers |")
+    print("|---|---|---:|---:|---:|---:|---|---:|---|---:|")
+    for name in study.variants:
+        means: list[Ends] = []
+        for piece in study.pieces:
+            ends = [(rows[0], rows[-1]) for rows in trainings(study, out, name, piece)]
+            if ends:
+                print_row(name, piece.name, ends)
+                first, last = zip(*ends, strict=True)
+                means.append((mean_of(first), mean_of(last)))
+        if len(means) > 1:
+            print_row(f"**{name}**", "mean", means, over_pieces=True)
+            gains = " | ".join(f" | {gain_text(metric, means)}" for metric in METRICS)
+            print(f"| **{name}** | gain | {len(means)} |  |  | {gains} |  |")
+
+
+def trainings(study: Study, out: Path, variant: str, piece: Piece) -> list[list[Row]]:
+    """Return the evaluations of each training that is whole, seed by seed."""
+    files = [file_of(out, variant, piece, seed) for seed in study.seeds]
+    return [rows_of(file) for file in files if file.is_file()]
+
+
+def draw_curves(study: Study, out: Path, file: Path) -> None:
+    """Draw both scores over minutes, a column for each piece, a curve for each training."""
     figure, axes = plt.subplots(
         len(METRICS),
         len(study.pieces),
@@ -240,24 +289,17 @@ def report(study: Study, out: Path) -> None:
         layout="constrained",
     )
     for color, name in enumerate(study.variants):
-        of_seed: dict[int, list[Ends]] = {}
         for column, piece in enumerate(study.pieces):
-            files = {seed: file_of(out, name, piece, seed) for seed in study.seeds}
-            found = {seed: rows_of(file) for seed, file in files.items() if file.is_file()}
-            for seed, rows in found.items():
-                of_seed.setdefault(seed, []).append((rows[0], rows[-1]))
+            for number, rows in enumerate(trainings(study, out, name, piece)):
+                minutes = [one["cpu_seconds"] / 60 for one in rows]
                 for row, metric in enumerate(METRICS):
                     axes[row, column].plot(
-                        [one["cpu_seconds"] / 60 for one in rows],
+                        minutes,
                         [one[metric] for one in rows],
                         color=f"C{color}",
                         alpha=0.7,
-                        label=name if seed == min(found) else None,
+                        label=None if number else name,
                     )
-            print_row(name, piece.name, [(rows[0], rows[-1]) for rows in found.values()])
-        whole = [ends for ends in of_seed.values() if len(ends) == len(study.pieces) > 1]
-        means = [(mean_of([a for a, _ in ends]), mean_of([b for _, b in ends])) for ends in whole]
-        print_row(f"**{name}**", "mean", means)
     for column, piece in enumerate(study.pieces):
         axes[0, column].set_title(piece.name.removeprefix("debug-"), fontsize=9)
         axes[-1, column].set_xlabel("minutes of one core")
@@ -266,7 +308,7 @@ def report(study: Study, out: Path) -> None:
     for each in axes.flat:
         each.grid(alpha=0.3)
     axes[0, 0].legend()
-    figure.savefig(out / "curves.png", dpi=120)
+    figure.savefig(file, dpi=120)
 
 
 def mean_of(rows: Sequence[Row]) -> Row:
@@ -274,25 +316,34 @@ def mean_of(rows: Sequence[Row]) -> Row:
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
 
 
-def print_row(name: str, piece: str, ends: Sequence[Ends]) -> None:
-    """Print means over seeds, those of the last models with the least and the greatest."""
-    if not ends:
-        return
-    first, last = zip(*ends, strict=True)
-    steps = np.mean([row["steps"] for row in last])
-    scores = " | ".join(
-        f"{np.mean([row[metric] for row in first]):.3f} | "
-        f"{range_text([row[metric] for row in last])}"
-        for metric in METRICS
+def print_row(name: str, piece: str, ends: Sequence[Ends], *, over_pieces: bool = False) -> None:
+    """Print the means of trainings, or of pieces, the scores of the last models with their spread.
+
+    In brackets are the least and the greatest of the trainings, and the interval over pieces.
+    """
+    first, last = mean_of([before for before, _ in ends]), mean_of([after for _, after in ends])
+    scores = []
+    for metric in METRICS:
+        found = [after[metric] for _, after in ends]
+        spread = summarize(found).interval if over_pieces else (min(found), max(found))
+        text = f"{last[metric]:.3f}"
+        if spread and len(found) > 1:
+            text += f" [{spread[0]:.3f}, {spread[1]:.3f}]"
+        if metric == "f1" and last["f1"] < last["noop_f1"] + FLOOR:
+            text += " floor"
+        scores.append(f"{first[metric]:.3f} | {text}")
+    minutes = last["cpu_seconds"] / 60
+    print(
+        f"| {name} | {piece} | {len(ends)} | {last['steps']:,.0f} | {minutes:.1f} | "
+        f"{' | '.join(scores)} | {last['fingers']:.1f} |"
     )
-    fingers = np.mean([row.get("fingers", np.nan) for row in last])
-    print(f"| {name} | {piece} | {len(last)} | {steps:,.0f} | {scores} | {fingers:.1f} |")
 
 
-def range_text(values: Sequence[float]) -> str:
-    """Return a mean, with the least and the greatest of several, as text."""
-    ends = f" [{min(values):.3f}, {max(values):.3f}]" if len(values) > 1 else ""
-    return f"{np.mean(values):.3f}{ends}"
+def gain_text(metric: str, means: Sequence[Ends]) -> str:
+    """Return what training adds on the mean of the pieces, with the interval, as text."""
+    gain = summarize([after[metric] - before[metric] for before, after in means])
+    low, high = gain.interval or (gain.mean, gain.mean)
+    return f"{gain.mean:+.3f} [{low:+.3f}, {high:+.3f}]"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -304,9 +355,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("study", type=Path, help="the YAML file")
     add("--out", type=Path, required=True, help="folder of the evaluations")
     add("--jobs", type=int, help="trainings at a time; default: cores")
-    add("--report", action="store_true", help="train nothing, report what there is")
+    add("--report", action="store_true", help="train nothing, print the table of what there is")
+    add(
+        "--curves", type=Path, help="PNG file of curves; default: curves.png in --out when training"
+    )
     given = parser.parse_args(arguments)
-    study = Study.from_yaml(given.study, given.out)
+    try:
+        study = Study.from_yaml(given.study, None if given.report else given.out / "pieces")
+    except SB3PianoError as error:
+        parser.error(str(error))
     if not given.report:
         try:
             train_all(study, given.out, given.jobs)
@@ -318,7 +375,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             f"There is no training of '{given.study}' in '{given.out}': expected one that has "
             "ended. Give the command without --report first."
         )
-    report(study, given.out)
+    print_table(study, given.out)
+    if curves := given.curves or (None if given.report else given.out / "curves.png"):
+        draw_curves(study, given.out, curves)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 import importlib.util
 import json
-import runpy
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,14 +13,13 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-
-
 DOCS = BENCHMARKS.parent / "docs"
 
 
 def load(path):
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module  # where annotations of its classes are looked up
     spec.loader.exec_module(module)
     return module
 
@@ -80,7 +79,7 @@ def test_the_table_of_the_page_is_what_the_script_computes(scale):
 # The benchmark of learning curves.
 
 
-learning = runpy.run_path(str(BENCHMARKS / "learning.py"))
+learning = vars(load(BENCHMARKS / "learning.py"))
 
 STUDY = Tables(__file__)["study"]
 
@@ -105,7 +104,7 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     brief = {"envs": [], "pieces": ["TwinkleTwinkle"], "seconds": 1}
     file.write_text(yaml.safe_dump({**STUDY, **brief}))
     out = tmp_path / "out"
-    study = learning["Study"].from_yaml(file, out)
+    study = learning["Study"].from_yaml(file, out / "pieces")
     for name, piece, seed in study.cells():
         made = learning["file_of"](out, name, piece, seed)
         learning["run"]((study.variants[name], piece, seed, study, made))
@@ -125,7 +124,7 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
 def test_a_study_takes_the_first_seconds_of_its_pieces_and_reports_what_has_ended(tmp_path, capsys):
     file = tmp_path / "study.yml"
     file.write_text(yaml.safe_dump({**STUDY, "pieces": ["FurElise"], "seconds": 3}))
-    whole, piece = learning["Study"].from_yaml(file, tmp_path / "out").pieces
+    whole, piece = learning["Study"].from_yaml(file, tmp_path / "pieces").pieces
     assert whole.env_id == STUDY["envs"][0]
     score = load_score(piece.env_kwargs["score"])
     assert piece.name == "FurElise"
@@ -136,3 +135,7 @@ def test_a_study_takes_the_first_seconds_of_its_pieces_and_reports_what_has_ende
     with pytest.raises(SystemExit):
         learning["main"]([str(file), "--out", str(tmp_path / "out"), "--report"])
     assert "expected one that has ended" in capsys.readouterr().err
+    file.write_text(yaml.safe_dump({**STUDY, "variants": {"own": {"algorithm": "td3"}}}))
+    with pytest.raises(SystemExit):
+        learning["main"]([str(file), "--out", str(tmp_path / "out")])
+    assert "Unknown setting 'algorithm'" in capsys.readouterr().err

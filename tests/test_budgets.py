@@ -19,7 +19,7 @@ TESTS = Path(__file__).parent
 
 # Lines of each room, of Python alone. `base` are the modules beside the rooms.
 LINES = {
-    "base": 2_578,
+    "base": 2_585,
     "batch": 2_487,
     "buffers": 654,
     "callbacks": 2_933,
@@ -29,7 +29,7 @@ LINES = {
     "hands": 650,
     "hyperparams": 39,
     "interop": 236,
-    "jobs": 731,
+    "jobs": 729,
     "lab": 7_695,
     "metrics": 1_416,
     "music": 9_090,
@@ -53,9 +53,9 @@ LONG_WORK_LINES = 3_000
 
 # Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
 TOTALS = {
-    "core": {"lines": 50_949, "modules": 338, "names": 227},
+    "core": {"lines": 50_954, "modules": 338, "names": 227},
     "lab": {"lines": 7_695, "modules": 57, "names": 23},
-    "tests": {"lines": 41_077},
+    "tests": {"lines": 41_098},
 }
 
 

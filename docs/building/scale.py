@@ -21,7 +21,7 @@ IMITATION_PER_EXCERPT = 7 * 60 * 2 / 500
 """Core seconds of the first two rounds, for 500 excerpts (docs/sight_reader_training.md)."""
 PPO = 52 * 60 * 2
 """Core seconds of 2.8 million steps of PPO, on two cores (docs/sight_reader_training.md)."""
-SAC_STEPS_PER_S = 240_000 / (21 * 60)
+SAC_STEPS_PER_S = 240_000 / (23 * 60)
 """Control steps that `--config fast` learns from on one core, 1/s (docs/learning.md)."""
 DEFAULT_SAC_STEPS_PER_S = 38.0
 """The same of the default preset of SAC (docs/performance.md)."""

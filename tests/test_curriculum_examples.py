@@ -61,7 +61,7 @@ def test_studies_of_curricula(study, tmp_path):
         assert f"| {f1} | {onset_f1} | {fingers} |" in page, row
 
 
-@pytest.mark.parametrize("study", ["from_nothing", "algorithms", "from_planned"])
+@pytest.mark.parametrize("study", ["from_nothing", "unseen", "algorithms", "from_planned"])
 def test_what_learns(study, tmp_path):
     page = LEARNING.read_text("utf-8").replace("**", "")
     for row in rows_of_study(study, tmp_path):
